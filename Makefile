@@ -1,0 +1,26 @@
+# Two commands for a newcomer: `make demo` and `make test`. Each is enough on its own.
+VENV   := .venv
+PYTHON := $(VENV)/bin/python
+# A python3.13 on PATH that really runs (a pyenv shim may not), else pyenv's newest 3.13.
+FIND_PYTHON := for p in python3.13 $$(ls -d $${PYENV_ROOT:-$$HOME/.pyenv}/versions/3.13*/bin/python3.13 2>/dev/null | sort -V -r); do \
+	"$$p" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 13))' 2>/dev/null && { echo "$$p"; exit 0; }; done; exit 1
+
+.PHONY: setup demo test lint bench extension clean
+
+setup: $(VENV)/.kernels
+
+$(VENV)/.packages: requirements.txt
+	@python=$$($(FIND_PYTHON)) || { echo "Strata needs Python 3.13: put python3.13 on PATH, or run 'pyenv install 3.13'." >&2; exit 2; }; \
+	test -x $(PYTHON) || "$$python" -m venv $(VENV)
+	$(PYTHON) -m pip install --quiet --require-hashes -r requirements.txt
+	@touch $@
+
+$(VENV)/.kernels: $(VENV)/.packages pyproject.toml kernels/Cargo.toml kernels/Cargo.lock kernels/pyproject.toml $(shell find kernels/src -name '*.rs')
+	@command -v cargo >/dev/null || { echo "Strata needs Rust (cargo) to build its kernels: see https://rustup.rs." >&2; exit 2; }
+	cd kernels && PYO3_PYTHON=$(abspath $(PYTHON)) ../$(PYTHON) -m maturin build --release --locked --quiet --out ../dist/wheels --interpreter ../$(PYTHON)
+	$(PYTHON) -m pip install --quiet --no-index --no-deps --force-reinstall dist/wheels/strata_kernels-*.whl
+	$(PYTHON) -m pip install --quiet --no-build-isolation --no-deps --no-index --editable .
+	@touch $@
+
+clean:
+	rm -rf $(VENV) out dist build *.egg-info kernels/target .pytest_cache .ruff_cache

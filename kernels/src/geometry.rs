@@ -1,0 +1,265 @@
+//! Geometry as the kernels hold it: object-local float32 meshes and float64 instance matrices.
+//!
+//! Matrices are composed per eye in float64 and only then rounded, so that 1e7 m away is exact.
+
+use crate::triangulate::triangulate;
+use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::sync::Arc;
+
+/// Triangles in object space. Corners, not vertices, carry normals and uv.
+pub struct Mesh {
+    pub positions: Vec<[f32; 3]>,
+    /// Vertex of each corner, as Blender stores polygons.
+    pub corner_vertices: Vec<u32>,
+    /// Corners of each triangle: indices into the three corner arrays.
+    pub triangles: Vec<[u32; 3]>,
+    /// Unit shading normals, one a corner; empty: the mesh is flat.
+    pub corner_normals: Vec<[f32; 3]>,
+    /// One a corner; empty where nothing samples them.
+    pub corner_uvs: Vec<[f32; 2]>,
+    /// Material slot of each triangle; empty: slot 0 throughout.
+    pub triangle_slots: Vec<u32>,
+}
+
+impl Mesh {
+    pub fn triangle_positions(&self, triangle: usize) -> [[f32; 3]; 3] {
+        self.triangles[triangle].map(|corner| self.positions[self.corner_vertices[corner as usize] as usize])
+    }
+}
+
+/// The part of a material that decides whether a fragment is there at all (alpha clip).
+pub struct Cutout {
+    /// A fragment is there where its alpha is at least this; 0 or less: everywhere.
+    pub threshold: f32,
+    /// Alpha where there is no texture.
+    pub alpha: f32,
+    /// Alpha texels, row 0 at the bottom, repeated outside 0..1, bilinear; empty: `alpha` throughout.
+    pub texels: Vec<f32>,
+    pub width: usize,
+    pub height: usize,
+}
+
+impl Cutout {
+    /// Whether a fragment with these texture coordinates is there.
+    pub fn is_opaque(&self, uv: [f32; 2]) -> bool {
+        if self.threshold <= 0.0 {
+            return true;
+        }
+        if self.texels.is_empty() {
+            self.alpha >= self.threshold
+        } else {
+            self.sample(uv) >= self.threshold
+        }
+    }
+
+    /// Whether the answer is the same everywhere, so that no uv need be interpolated.
+    pub fn is_uniform(&self) -> bool {
+        self.threshold <= 0.0 || self.texels.is_empty()
+    }
+
+    fn sample(&self, uv: [f32; 2]) -> f32 {
+        let (w, h) = (self.width as f32, self.height as f32);
+        let (x, y) = (uv[0].rem_euclid(1.0) * w - 0.5, uv[1].rem_euclid(1.0) * h - 0.5);
+        let (x0, y0) = (x.floor(), y.floor());
+        let (fx, fy) = (x - x0, y - y0);
+        let at = |ix: f32, iy: f32| {
+            let column = (ix as i64).rem_euclid(self.width as i64) as usize;
+            let row = (iy as i64).rem_euclid(self.height as i64) as usize;
+            self.texels[row * self.width + column]
+        };
+        let bottom = at(x0, y0) * (1.0 - fx) + at(x0 + 1.0, y0) * fx;
+        let top = at(x0, y0 + 1.0) * (1.0 - fx) + at(x0 + 1.0, y0 + 1.0) * fx;
+        bottom * (1.0 - fy) + top * fy
+    }
+}
+
+pub struct Instance {
+    pub mesh: usize,
+    /// Object to world, row-major; the last row is 0 0 0 1.
+    pub matrix: [[f64; 4]; 3],
+    pub object_id: i32,
+    /// Material (index into [`Data::cutouts`]) of each slot; slots beyond the end use the last.
+    pub slot_materials: Vec<u32>,
+}
+
+impl Instance {
+    pub fn material(&self, slot: u32) -> u32 {
+        self.slot_materials[(slot as usize).min(self.slot_materials.len() - 1)]
+    }
+}
+
+#[derive(Default)]
+pub struct Data {
+    pub meshes: Vec<Arc<Mesh>>,
+    pub instances: Vec<Instance>,
+    pub cutouts: Vec<Cutout>,
+}
+
+/// Filled by `add_*`, then read by every kernel.
+#[pyclass]
+#[derive(Default)]
+pub struct Geometry {
+    data: Arc<Data>,
+}
+
+impl Geometry {
+    pub fn data(&self) -> Arc<Data> {
+        self.data.clone()
+    }
+
+    fn edit(&mut self) -> PyResult<&mut Data> {
+        Arc::get_mut(&mut self.data)
+            .ok_or_else(|| PyValueError::new_err("geometry cannot change while a kernel uses it"))
+    }
+}
+
+fn rows<const N: usize>(array: &PyReadonlyArray2<'_, f32>, what: &str) -> PyResult<Vec<[f32; N]>> {
+    if array.shape()[1] != N {
+        return Err(PyValueError::new_err(format!(
+            "{what} has {} columns, not {N}",
+            array.shape()[1]
+        )));
+    }
+    Ok(array.as_slice()?.as_chunks::<N>().0.to_vec())
+}
+
+#[pymethods]
+impl Geometry {
+    #[new]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds polygons and returns the mesh's index. `positions` (V, 3) f32 in object space;
+    /// `corner_vertices` (C,) i32; `face_starts` (F + 1,) i32; `corner_normals` (C, 3) f32 or None for a
+    /// flat mesh; `corner_uvs` (C, 2) f32 or None; `face_slots` (F,) i32 or None. Raises ValueError on
+    /// indices out of range; faces with a vertex that is not finite are dropped.
+    #[pyo3(signature = (positions, corner_vertices, face_starts, corner_normals=None, corner_uvs=None, face_slots=None))]
+    pub fn add_mesh(
+        &mut self,
+        positions: PyReadonlyArray2<'_, f32>,
+        corner_vertices: PyReadonlyArray1<'_, i32>,
+        face_starts: PyReadonlyArray1<'_, i32>,
+        corner_normals: Option<PyReadonlyArray2<'_, f32>>,
+        corner_uvs: Option<PyReadonlyArray2<'_, f32>>,
+        face_slots: Option<PyReadonlyArray1<'_, i32>>,
+    ) -> PyResult<usize> {
+        let positions: Vec<[f32; 3]> = rows(&positions, "positions")?;
+        let vertex_count = positions.len() as i64;
+        let corners = corner_vertices.as_slice()?;
+        if corners.iter().any(|&v| v < 0 || v as i64 >= vertex_count) {
+            return Err(PyValueError::new_err("corner_vertices points outside positions"));
+        }
+        let corner_vertices: Vec<u32> = corners.iter().map(|&v| v as u32).collect();
+        let (triangles, faces) = triangulate(&positions, &corner_vertices, face_starts.as_slice()?)
+            .map_err(PyValueError::new_err)?;
+        let corner_normals = corner_normals.map_or(Ok(Vec::new()), |a| rows::<3>(&a, "corner_normals"))?;
+        let corner_uvs = corner_uvs.map_or(Ok(Vec::new()), |a| rows::<2>(&a, "corner_uvs"))?;
+        for (what, length) in [
+            ("corner_normals", corner_normals.len()),
+            ("corner_uvs", corner_uvs.len()),
+        ] {
+            if length != 0 && length != corner_vertices.len() {
+                return Err(PyValueError::new_err(format!("{what} needs one row a corner")));
+            }
+        }
+        let triangle_slots = match face_slots {
+            None => Vec::new(),
+            Some(slots) => {
+                let slots = slots.as_slice()?;
+                if slots.len() + 1 != face_starts.len() {
+                    return Err(PyValueError::new_err("face_slots needs one entry a face"));
+                }
+                faces
+                    .iter()
+                    .map(|&face| slots[face as usize].max(0) as u32)
+                    .collect()
+            }
+        };
+        let data = self.edit()?;
+        data.meshes.push(Arc::new(Mesh {
+            positions,
+            corner_vertices,
+            triangles,
+            corner_normals,
+            corner_uvs,
+            triangle_slots,
+        }));
+        Ok(data.meshes.len() - 1)
+    }
+
+    /// Adds a material's alpha clip and returns the material's index. `texels` (height, width) f32, row 0
+    /// at the bottom, or None.
+    #[pyo3(signature = (threshold=0.0, alpha=1.0, texels=None))]
+    pub fn add_material(
+        &mut self,
+        threshold: f32,
+        alpha: f32,
+        texels: Option<PyReadonlyArray2<'_, f32>>,
+    ) -> PyResult<usize> {
+        let (texels, height, width) = match texels {
+            None => (Vec::new(), 0, 0),
+            Some(t) => (t.as_slice()?.to_vec(), t.shape()[0], t.shape()[1]),
+        };
+        let data = self.edit()?;
+        data.cutouts.push(Cutout {
+            threshold,
+            alpha,
+            texels,
+            width,
+            height,
+        });
+        Ok(data.cutouts.len() - 1)
+    }
+
+    /// Adds an instance and returns its index. `matrix` (4, 4) f64 object to world; `slot_materials` the
+    /// materials of the slots, at least one. Raises ValueError if the matrix is not finite.
+    pub fn add_instance(
+        &mut self,
+        mesh: usize,
+        matrix: PyReadonlyArray2<'_, f64>,
+        object_id: i32,
+        slot_materials: Vec<u32>,
+    ) -> PyResult<usize> {
+        let m = matrix.as_slice()?;
+        if m.len() != 16 || m.iter().any(|x| !x.is_finite()) {
+            return Err(PyValueError::new_err("an instance's matrix is 4 x 4 and finite"));
+        }
+        let row = |i: usize| [m[4 * i], m[4 * i + 1], m[4 * i + 2], m[4 * i + 3]];
+        let data = self.edit()?;
+        if mesh >= data.meshes.len() {
+            return Err(PyValueError::new_err(format!("no mesh {mesh}")));
+        }
+        if slot_materials.is_empty() || slot_materials.iter().any(|&s| s as usize >= data.cutouts.len()) {
+            return Err(PyValueError::new_err(
+                "slot_materials names a material that was not added",
+            ));
+        }
+        data.instances.push(Instance {
+            mesh,
+            matrix: [row(0), row(1), row(2)],
+            object_id,
+            slot_materials,
+        });
+        Ok(data.instances.len() - 1)
+    }
+
+    /// Triangles over all instances.
+    pub fn triangle_count(&self) -> usize {
+        self.data
+            .instances
+            .iter()
+            .map(|i| self.data.meshes[i.mesh].triangles.len())
+            .sum()
+    }
+
+    pub fn instance_count(&self) -> usize {
+        self.data.instances.len()
+    }
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<Geometry>()
+}

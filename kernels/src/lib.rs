@@ -1,0 +1,19 @@
+//! CPU twins of Strata's effect steps, called from `addon/devices/cpu.py` and from nowhere else.
+//!
+//! One module an effect step. Every entry validates its arrays at the border, releases the GIL while it
+//! works, gives the same bits whatever the number of threads, and polls a [`cancel::CancelFlag`] per tile.
+
+pub mod cancel;
+pub mod emitter;
+pub mod geometry;
+pub mod triangulate;
+pub mod view;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+fn strata_kernels(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    cancel::register(module)?;
+    geometry::register(module)?;
+    Ok(())
+}
