@@ -1,0 +1,273 @@
+"""The cheap header of a scene at one frame: what the plan decides by, before any array is read.
+
+Filled by `addon/scene/scan.py`. Everything here is plain and immutable; indices (`mesh`, `materials`,
+`receivers`, ...) point into the tuples of the `Outline`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .emitter import Emitter, EmitterKind
+from .errors import StrataError
+from .view import Vector, View
+
+Colour = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """A closed axis-aligned box, world space, metres, float64."""
+
+    low: Vector
+    high: Vector
+
+    @property
+    def centre(self) -> Vector:
+        return tuple(0.5 * low + 0.5 * high for low, high in zip(self.low, self.high, strict=True))
+
+    @property
+    def radius(self) -> float:
+        """Half the diagonal."""
+        return 0.5 * math.dist(self.low, self.high)
+
+    def corners(self) -> np.ndarray:
+        """(8, 3) float64."""
+        xs, ys, zs = zip(self.low, self.high, strict=True)
+        return np.array([(x, y, z) for x in xs for y in ys for z in zs], np.float64)
+
+
+def joined(bounds) -> Bounds | None:
+    """The box around an iterable of boxes; None if there is none."""
+    bounds = list(bounds)
+    if not bounds:
+        return None
+    lows = zip(*(box.low for box in bounds), strict=True)
+    highs = zip(*(box.high for box in bounds), strict=True)
+    return Bounds(tuple(map(min, lows)), tuple(map(max, highs)))
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Blender's camera, before it is fitted to an image.
+
+    `sensor_fit` is 'AUTO', 'HORIZONTAL' or 'VERTICAL'; `lens` and the sensor sizes are millimetres,
+    `orthographic_scale` metres, `shift_x` and `shift_y` fractions of the fitted side. Axes are orthonormal
+    (a camera's scale does not count in Blender).
+    """
+
+    name: str
+    eye: Vector
+    right: Vector
+    up: Vector
+    forward: Vector
+    orthographic: bool = False
+    lens: float = 50.0
+    orthographic_scale: float = 6.0
+    sensor_fit: str = "AUTO"
+    sensor_width: float = 36.0
+    sensor_height: float = 24.0
+    shift_x: float = 0.0
+    shift_y: float = 0.0
+    near: float = 0.1
+    far: float = 1000.0
+
+    def view(self, width: int, height: int, pixel_aspect: tuple[float, float] = (1.0, 1.0)) -> View:
+        """The eye of a whole frame of `width` x `height` pixels whose shape is `pixel_aspect`."""
+        extent_x, extent_y = width * pixel_aspect[0], height * pixel_aspect[1]
+        horizontal = self.sensor_fit == "HORIZONTAL" or (self.sensor_fit == "AUTO" and extent_x >= extent_y)
+        # AUTO fits the sensor's width to the longer side; only VERTICAL reads the sensor's height.
+        sensor = self.sensor_height if self.sensor_fit == "VERTICAL" else self.sensor_width
+        fitted = self.orthographic_scale if self.orthographic else sensor / self.lens
+        pixel = fitted / (extent_x if horizontal else extent_y)
+        half_x, half_y = 0.5 * extent_x * pixel, 0.5 * extent_y * pixel
+        shift_x, shift_y = self.shift_x * fitted, self.shift_y * fitted
+        window = (shift_x - half_x, shift_x + half_x, shift_y - half_y, shift_y + half_y)
+        return View(
+            self.eye, self.right, self.up, self.forward, window, self.near, self.far, self.orthographic
+        )
+
+
+@dataclass(frozen=True)
+class PixelFilter:
+    """The render's own: `kind` is 'BOX', 'GAUSSIAN' or 'BLACKMAN_HARRIS', which ends `radius` pixels away."""
+
+    kind: str = "BLACKMAN_HARRIS"
+    radius: float = 1.5
+
+
+@dataclass(frozen=True)
+class Light:
+    """A lamp: shape and relative radiance (`emitter`), and how much light (`intensity`).
+
+    `intensity` is linear RGB in the working space: W/sr along the emitter's axis, and W/m² on a facing
+    surface for a sun. It stays finite for lights of no size, so:
+
+    - irradiance = intensity / measure · ∫ relative radiance · cos⁺ · G dA, with measure = `emitter_measure`
+    - `radiance` = intensity / measure
+
+    with G, and cos at the surface, as in design "Soft shadow". A FACING_DISK's measure is its area, and a
+    SPHERE's that of its disk, while its integral is over the sphere. For a DISTANT_DISK G dA is solid angle.
+    A diffuse surface sends back albedo / π · irradiance.
+
+    `receivers` are the instances that the light lights, `casters` those that can block it (light and
+    shadow linking); None: all.
+    """
+
+    name: str
+    key: str
+    kind: str  # Blender's: 'POINT', 'SUN', 'SPOT', 'AREA'
+    emitter: Emitter
+    intensity: Colour
+    casts_shadow: bool = True
+    receivers: frozenset[int] | None = None
+    casters: frozenset[int] | None = None
+
+    @property
+    def is_dark(self) -> bool:
+        """No power, or black. A negative light is not dark."""
+        return not any(self.intensity)
+
+    @property
+    def radiance(self) -> Colour:
+        """W/(m²·sr) along the axis; infinite for a light of no size."""
+        measure = emitter_measure(self.emitter)
+        return tuple(
+            i / measure if measure > 0.0 else (math.copysign(math.inf, i) if i else 0.0)
+            for i in self.intensity
+        )
+
+
+def emitter_measure(emitter: Emitter) -> float:
+    """Intensity over radiance: the area that the axis sees, m²; the projected solid angle, sr, of a sun."""
+    if emitter.kind == EmitterKind.RECTANGLE:
+        return 4.0 * emitter.half_width * emitter.half_height
+    if emitter.kind == EmitterKind.DISTANT_DISK:
+        # Projected solid angle π sin² of the half angle, so that intensity is irradiance exactly.
+        sine = math.sin(math.atan(emitter.half_width))
+        return math.pi * sine * sine
+    return math.pi * emitter.half_width * emitter.half_height
+
+
+@dataclass(frozen=True)
+class Image:
+    """A texture. `key` is unique in the file; pixels come with the extraction."""
+
+    name: str
+    key: str
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
+class Material:
+    """What Strata reads of a material. Colours are linear RGB in the working space.
+
+    `base_color_image` and `alpha_image` index `Outline.images`, sampled by the mesh's render UV map,
+    repeated and bilinear; then the constant beside is not used. A fragment is there where alpha is at least
+    `alpha_threshold`; 0: everywhere.
+    """
+
+    name: str
+    base_color: Colour = (0.8, 0.8, 0.8)
+    base_color_image: int | None = None
+    alpha: float = 1.0
+    alpha_image: int | None = None
+    alpha_threshold: float = 0.0
+    roughness: float = 0.5
+    emission: Colour = (0.0, 0.0, 0.0)
+
+    @property
+    def is_cutout(self) -> bool:
+        return self.alpha_threshold > 0.0
+
+    @property
+    def samples_texture(self) -> bool:
+        return self.base_color_image is not None or (self.is_cutout and self.alpha_image is not None)
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """One evaluated mesh, shared by its instances. `triangles` is exact for polygons without bad vertices."""
+
+    name: str
+    key: str
+    vertices: int
+    triangles: int
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One appearance of a mesh. `matrix` is object to world, 4 rows of 4; `object_id` is the same for all
+    parts and instances that one object of the scene makes."""
+
+    name: str
+    mesh: int
+    matrix: tuple[tuple[float, float, float, float], ...]
+    bounds: Bounds
+    object_id: int
+    materials: tuple[int, ...]
+    visible_camera: bool = True
+    casts_shadow: bool = True
+    is_holdout: bool = False
+    is_shadow_catcher: bool = False
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A scene at a frame. `frame_size` is the whole frame in pixels (resolution percentage applied);
+    `crop`, in pixels x0, y0, x1, y1 from the bottom left, is the part that the image shows (render region
+    with "Crop to Render Region"), and `region` the part of the frame that is computed."""
+
+    scene_name: str
+    view_layer_name: str
+    frame: int
+    frame_size: tuple[int, int]
+    camera: Camera
+    lights: tuple[Light, ...] = ()
+    instances: tuple[Instance, ...] = ()
+    meshes: tuple[Mesh, ...] = ()
+    materials: tuple[Material, ...] = ()
+    images: tuple[Image, ...] = ()
+    warnings: tuple[str, ...] = ()
+    pixel_aspect: tuple[float, float] = (1.0, 1.0)
+    region: tuple[int, int, int, int] | None = None
+    crop: bool = False
+    pixel_filter: PixelFilter = PixelFilter()
+    working_space: str = "Linear Rec.709"
+    seed: int = 0
+
+    def __post_init__(self):
+        if min(self.size) < 1:
+            raise StrataError(f"scene '{self.scene_name}': the image has no pixels")
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the image in pixels."""
+        if self.crop and self.region:
+            return self.region[2] - self.region[0], self.region[3] - self.region[1]
+        return self.frame_size
+
+    @property
+    def view(self) -> View:
+        """The camera's eye of the image (of the crop, where there is one)."""
+        view = self.camera.view(*self.frame_size, self.pixel_aspect)
+        if not (self.crop and self.region):
+            return view
+        left, right, bottom, top = view.window
+        x0, y0, x1, y1 = self.region
+        step_x, step_y = (right - left) / self.frame_size[0], (top - bottom) / self.frame_size[1]
+        window = (left + x0 * step_x, left + x1 * step_x, bottom + y0 * step_y, bottom + y1 * step_y)
+        return replace(view, window=window)
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """Around everything; None for an empty scene."""
+        return joined(instance.bounds for instance in self.instances)
+
+    @property
+    def triangles(self) -> int:
+        return sum(self.meshes[instance.mesh].triangles for instance in self.instances)
