@@ -5,9 +5,9 @@ class StrataError(Exception):
     """Input, scene or output that cannot be used; the message is one line for a person."""
 
 
-class Cancelled(Exception):  # noqa: N818 - not an error: somebody asked for it
+class Cancelled(Exception):
     """The user cancelled; nothing partial is left behind."""
 
 
-class DeviceUnavailable(Exception):  # noqa: N818
+class DeviceUnavailable(Exception):
     """A device does not start here; the message says why."""

@@ -1,0 +1,46 @@
+"""What the executor asks of a device, and what a reference asks of rays."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+
+class Device(Protocol):
+    """Runs steps. Values (arrays, textures, handles) belong to the device that made them.
+
+    `kernels` is the native module on the CPU device; `cancel_flag` has `set()` and `is_set()`.
+    Constructing one raises DeviceUnavailable where it cannot work.
+    """
+
+    name: str  # "cpu" or "gpu"
+    description: str
+    cancel_flag: Any
+    compile_seconds: float
+
+    def to_host(self, value: Any) -> Any:
+        """The same value made of numpy arrays (dicts, tuples and lists keep their shape)."""
+
+    def from_host(self, value: Any) -> Any:
+        """The inverse of `to_host`."""
+
+    def accumulate(self, total: Any | None, value: Any) -> Any:
+        """total + value; starts from None."""
+
+    def finish(self) -> None:
+        """Waits until all work is done, so that a clock read next is honest."""
+
+    def release(self, value: Any) -> None:
+        """Frees what the value holds on the device."""
+
+
+class RayCaster(Protocol):
+    """Visibility by rays against the true geometry; positions are relative to `origin`, (3,) float64."""
+
+    origin: np.ndarray
+
+    def occluded(
+        self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray
+    ) -> np.ndarray:
+        """(N,) bool: whether anything of `casters` (instances,) bool lies within t_max along each ray."""

@@ -1,0 +1,148 @@
+"""Recorded work: steps, nodes, layers, and what was left out."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Step:
+    """One kind of work, declared once, with a twin on each device.
+
+    `cpu` and `gpu` are called as `twin(device, *inputs, **params)` and return the node's value. A missing
+    twin is a hole, and `hole` says why; the executor then moves the node to the other device.
+    `per_surface`: it reads shading points, so it runs once for each tile and sample.
+    `copyable`: its value can be moved between devices; if not, the step runs again where it is wanted.
+    """
+
+    name: str
+    cpu: Callable | None = None
+    gpu: Callable | None = None
+    hole: str = ""
+    per_surface: bool = False
+    copyable: bool = True
+
+    def twin(self, device_name: str) -> Callable | None:
+        return self.cpu if device_name == "cpu" else self.gpu
+
+
+def kernel(name: str) -> Callable:
+    """The CPU twin that just calls `strata_kernels.<name>(*inputs, **params, cancel=...)`."""
+
+    def twin(device, *inputs, **params):
+        return getattr(device.kernels, name)(*inputs, **params, cancel=device.cancel_flag)
+
+    return twin
+
+
+def _feed(digest, value: Any) -> None:
+    """Hashes a parameter by content: what the bits are, not which object holds them."""
+    if isinstance(value, np.ndarray):
+        digest.update(f"{value.dtype}{value.shape}".encode())
+        digest.update(np.ascontiguousarray(value).data)
+    elif isinstance(value, (tuple, list)):
+        digest.update(b"(")
+        for item in value:
+            _feed(digest, item)
+        digest.update(b")")
+    elif isinstance(value, frozenset):
+        _feed(digest, sorted(value))
+    else:
+        digest.update(f"{type(value).__name__}:{value!r};".encode())
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A step to run. `instance` says for whom (a light, a cube face). `key` hashes the step, its parameters
+    and the keys of its inputs: equal keys mean equal values."""
+
+    step: Step
+    instance: str
+    inputs: tuple[Node, ...]
+    params: dict[str, Any]
+    key: str = field(init=False)
+    per_surface: bool = field(init=False)
+
+    def __post_init__(self):
+        digest = hashlib.blake2b(digest_size=16)
+        _feed(digest, self.step.name)
+        for name in sorted(self.params):
+            _feed(digest, name)
+            _feed(digest, self.params[name])
+        for node in self.inputs:
+            digest.update(node.key.encode())
+        object.__setattr__(self, "key", digest.hexdigest())
+        per_surface = self.step.per_surface or any(node.per_surface for node in self.inputs)
+        object.__setattr__(self, "per_surface", per_surface)
+
+    def __hash__(self):
+        return hash(self.key)
+
+    def __eq__(self, other):
+        return isinstance(other, Node) and self.key == other.key
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Something that does not run, and why, in words for a person."""
+
+    what: str
+    reason: str
+    effect: str = ""
+    light: str = ""
+
+
+@dataclass(frozen=True)
+class PlannedLayer:
+    """An image that the graph makes. `name` is unique and safe for a file, `light` the light's own name;
+    `channels` e.g. "V" or "RGBA"; `light_index` into Outline.lights, None where there is no one light."""
+
+    name: str
+    effect: str
+    node: Node
+    channels: str
+    light: str = ""
+    light_index: int | None = None
+
+
+@dataclass(frozen=True)
+class Graph:
+    """What runs. `surface_attributes` and `instances` are the union of what the nodes read: nothing else is
+    extracted or rasterised. `uses_uvs`: some shadow or colour samples a texture."""
+
+    layers: tuple[PlannedLayer, ...]
+    left_out: tuple[LeftOut, ...]
+    surface: Node | None
+    surface_attributes: frozenset[str]
+    instances: frozenset[int]
+    warnings: tuple[str, ...] = ()
+
+    def nodes(self, roots: Iterable[Node] | None = None) -> tuple[Node, ...]:
+        """Every node below `roots` (the layers', if None), inputs before users, each once."""
+        order: dict[Node, None] = {}
+        roots = [layer.node for layer in self.layers] if roots is None else roots
+        for root in roots:
+            for node in _depth_first(root, order):
+                order[node] = None
+        return tuple(order)
+
+
+def _depth_first(root: Node, done: dict[Node, None]) -> Iterator[Node]:
+    """Inputs before users, without recursion: graphs may be deep."""
+    stack = [(root, False)]
+    seen = set()
+    while stack:
+        node, ready = stack.pop()
+        if node in done or (node in seen and not ready):
+            continue
+        if ready:
+            yield node
+            continue
+        seen.add(node)
+        stack.append((node, True))
+        stack.extend((item, False) for item in reversed(node.inputs))

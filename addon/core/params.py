@@ -1,0 +1,91 @@
+"""Parameters, declared once: panel rows, command-line flags, docs, uniforms and sweeps are made from this."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, get_type_hints
+
+from .errors import StrataError
+
+
+@dataclass(frozen=True)
+class ParamSpec:
+    """One parameter: `kind` is int, float, bool or an Enum of strings; `hard` is what is accepted, `soft`
+    what a slider offers, both inclusive; `trades_time` says that raising it costs time and lowers error."""
+
+    name: str
+    kind: type
+    default: Any
+    hard: tuple[float, float] | None
+    soft: tuple[float, float] | None
+    unit: str
+    trades_time: bool
+    doc: str
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        return tuple(member.value for member in self.kind) if issubclass(self.kind, Enum) else ()
+
+    def check(self, owner: str, value: Any) -> Any:
+        """The value as `kind`. Raises StrataError naming the parameter and its range."""
+        where = f"{owner}.{self.name}"
+        if issubclass(self.kind, Enum):
+            word = value.value if isinstance(value, Enum) else str(value)
+            if word not in self.choices:
+                raise StrataError(f"{where}: '{word}' is not one of {', '.join(self.choices)}")
+            return self.kind(word)
+        if self.kind is bool:
+            return self._check_bool(where, value)
+        try:
+            number = self.kind(value)
+        except (TypeError, ValueError, OverflowError):
+            noun = "a whole number" if self.kind is int else "a number"
+            raise StrataError(f"{where}: '{value}' is not {noun}") from None
+        if isinstance(number, float) and math.isnan(number):
+            raise StrataError(f"{where}: not a number")
+        if self.hard and not self.hard[0] <= number <= self.hard[1]:
+            raise StrataError(f"{where}: {value} is outside {self.hard[0]} to {self.hard[1]}")
+        return number
+
+    @staticmethod
+    def _check_bool(where: str, value: Any) -> bool:
+        words = {"true": True, "1": True, "on": True, "false": False, "0": False, "off": False}
+        if str(value).lower() not in words:
+            raise StrataError(f"{where}: '{value}' is neither true nor false")
+        return words[str(value).lower()]
+
+
+def param(default, *, doc, hard=None, soft=None, unit="", trades_time=False):
+    """A field of a Params class."""
+    metadata = {"hard": hard, "soft": soft or hard, "unit": unit, "trades_time": trades_time, "doc": doc}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class Params:
+    """Base of an effect's parameters: a frozen dataclass of `param` fields."""
+
+    @classmethod
+    def specs(cls) -> tuple[ParamSpec, ...]:
+        kinds = get_type_hints(cls)
+        return tuple(
+            ParamSpec(field.name, kinds[field.name], field.default, **field.metadata)
+            for field in dataclasses.fields(cls)
+        )
+
+    @classmethod
+    def checked(cls, owner: str, values: dict[str, Any]) -> Params:
+        """Defaults with `values` over them. Raises StrataError on an unknown name or a bad value."""
+        specs = {spec.name: spec for spec in cls.specs()}
+        for name in values:
+            if name not in specs:
+                raise StrataError(f"{owner} has no parameter '{name}'; it has {', '.join(specs)}")
+        return cls(**{name: specs[name].check(owner, value) for name, value in values.items()})
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        values = dataclasses.asdict(self)
+        return {name: value.value if isinstance(value, Enum) else value for name, value in values.items()}

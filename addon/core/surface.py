@@ -1,0 +1,45 @@
+"""Shading points: what effects are evaluated at, and which part of them a node sees at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# What a surface can carry, per point. Directions face the viewer; misses have depth +inf, ids -1 and the
+# rest zero.
+ATTRIBUTES = {
+    "position": (np.float32, 3),  # metres, relative to the eye, world axes
+    "geometric_normal": (np.float32, 3),
+    "shading_normal": (np.float32, 3),
+    "depth": (np.float32, 1),  # metres along the view's forward axis
+    "uv": (np.float32, 2),
+    "object_id": (np.int32, 1),
+    "material": (np.int32, 1),
+    "instance": (np.int32, 1),
+    "triangle": (np.int32, 1),
+}
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Rows `y0` to `y1` (row 0 is the bottom) of a `width` x `height` image, with one jittered sample a
+    pixel: the point at the pixel's centre plus `jitter`, in pixels."""
+
+    width: int
+    height: int
+    y0: int
+    y1: int
+    sample: int
+    jitter: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Some shading points. `position` (N, 3) float32 relative to `eye` (3,) float64, metres;
+    `geometric_normal`, `shading_normal` (N, 3) float32, unit, facing the viewer."""
+
+    position: np.ndarray
+    geometric_normal: np.ndarray
+    shading_normal: np.ndarray
+    eye: np.ndarray
