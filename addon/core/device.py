@@ -18,15 +18,13 @@ class Device(Protocol):
     description: str
     cancel_flag: Any
     compile_seconds: float
+    cancelled: tuple[type[Exception], ...]  # what a twin raises when the flag is set
 
     def to_host(self, value: Any) -> Any:
         """The same value made of numpy arrays (dicts, tuples and lists keep their shape)."""
 
     def from_host(self, value: Any) -> Any:
         """The inverse of `to_host`."""
-
-    def accumulate(self, total: Any | None, value: Any) -> Any:
-        """total + value; starts from None."""
 
     def finish(self) -> None:
         """Waits until all work is done, so that a clock read next is honest."""

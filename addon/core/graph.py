@@ -100,7 +100,8 @@ class LeftOut:
 @dataclass(frozen=True)
 class PlannedLayer:
     """An image that the graph makes. `name` is unique and safe for a file, `light` the light's own name;
-    `channels` e.g. "V" or "RGBA"; `light_index` into Outline.lights, None where there is no one light."""
+    `channels` e.g. "V" or "RGBA"; `light_index` into Outline.lights, None where there is no one light;
+    `casters` are the instances that can block it into view."""
 
     name: str
     effect: str
@@ -108,6 +109,7 @@ class PlannedLayer:
     channels: str
     light: str = ""
     light_index: int | None = None
+    casters: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True)

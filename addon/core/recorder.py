@@ -36,11 +36,23 @@ class Recorder:
         """Says which instances the recorded steps look at; others are never extracted."""
         self._instances.update(instances)
 
-    def layer(self, kind: LayerKind, node: Node, light_index: int | None = None) -> None:
-        """Declares an image made by `node`."""
+    @property
+    def instances(self) -> frozenset[int]:
+        """Read so far by any step."""
+        return frozenset(self._instances)
+
+    def layer(
+        self,
+        kind: LayerKind,
+        node: Node,
+        light_index: int | None = None,
+        casters: frozenset[int] = frozenset(),
+    ) -> None:
+        """Declares an image made by `node`; `casters` are the instances that its reference has to trace."""
         light = "" if light_index is None else self.outline.lights[light_index].name
         name = layer_name(kind.title, light, (layer.name for layer in self._layers))
-        self._layers.append(PlannedLayer(name, self.effect.id, node, kind.channels, light, light_index))
+        layer = PlannedLayer(name, self.effect.id, node, kind.channels, light, light_index, casters)
+        self._layers.append(layer)
 
     def left_out(self, what: str, reason: str, light: str = "") -> None:
         self._left_out.append(LeftOut(what, reason, self.effect.id if self.effect else "", light))

@@ -1,0 +1,26 @@
+"""Soft shadows from layered shadow maps; see README.md in this folder."""
+
+from ...core.effect import Effect, LayerKind, Metric
+from .params import SoftShadowParams
+from .reference import evaluate
+from .run import needed, run
+
+EFFECT = Effect(
+    id="soft_shadow",
+    title="Soft Shadow",
+    params=SoftShadowParams,
+    layers=(
+        LayerKind(
+            title="Soft Shadow",
+            channels="V",
+            metric=Metric.WEIGHTED_RMSE,
+            per_light=True,
+            doc="Share of the light's irradiance that arrives: 1 is lit, 0 is in full shadow",
+        ),
+    ),
+    needed=needed,
+    run=run,
+    reference=evaluate,
+    doc="Shadows of lights with a size, by projecting the texels of a layered depth map back onto the light",
+    source="Bavoil, thesis, chapter 5; Schwarz and Stamminger 2007 (bitmask)",
+)

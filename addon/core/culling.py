@@ -1,0 +1,145 @@
+"""What can matter in view: conservative tests on boxes, so that nothing needed is ever left out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .emitter import EmitterKind
+from .outline import Light, Outline
+from .view import View
+
+AXES = np.eye(3)
+
+
+def boxes_of(outline: Outline) -> np.ndarray:
+    """(N, 2, 3) float64: low and high corners of the instances."""
+    boxes = [(instance.bounds.low, instance.bounds.high) for instance in outline.instances]
+    return np.array(boxes, np.float64).reshape(-1, 2, 3)
+
+
+def corners_of(boxes: np.ndarray) -> np.ndarray:
+    """(N, 8, 3) corners of (N, 2, 3) boxes."""
+    choice = np.array([(i >> 2 & 1, i >> 1 & 1, i & 1) for i in range(8)])
+    return boxes[:, choice, np.arange(3)]
+
+
+def frustum_planes(view: View, guard: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Inward normals (6, 3) and offsets (6,): inside where normal . point >= offset. The window grows by
+    `guard` of its size, since a pixel filter reaches over the border."""
+    right, up, forward = (np.array(axis) for axis in (view.right, view.up, view.forward))
+    eye = np.array(view.eye)
+    left, end, bottom, top = view.window
+    grow_x, grow_y = guard * (end - left), guard * (top - bottom)
+    left, end, bottom, top = left - grow_x, end + grow_x, bottom - grow_y, top + grow_y
+    if view.orthographic:
+        sides = [(right, left), (-right, -end), (up, bottom), (-up, -top)]
+        normals = [normal for normal, _ in sides]
+        offsets = [normal @ eye + offset for normal, offset in sides]
+    else:
+        normals = [right - left * forward, end * forward - right, up - bottom * forward, top * forward - up]
+        offsets = [normal @ eye for normal in normals]
+    normals += [forward, -forward]
+    offsets += [forward @ eye + view.near, -(forward @ eye) - view.far]
+    return np.array(normals), np.array(offsets)
+
+
+def frustum_corners(view: View, far: float) -> np.ndarray:
+    """(8, 3) corners of the frustum between `near` and `far`, world space."""
+    left, end, bottom, top = view.window
+    points = []
+    for depth in (view.near, far):
+        scale = 1.0 if view.orthographic else depth
+        points += [(x * scale, y * scale, depth) for x in (left, end) for y in (bottom, top)]
+    axes = np.array([view.right, view.up, view.forward])
+    return np.array(points) @ axes + np.array(view.eye)
+
+
+def in_frustum(view: View, boxes: np.ndarray, guard: float = 0.05) -> np.ndarray:
+    """(N,) bool: False only where a box lies wholly outside one plane."""
+    normals, offsets = frustum_planes(view, guard)
+    reach = np.einsum("pc,nkc->npk", normals, corners_of(boxes)).max(axis=2)
+    return (reach >= offsets - 1e-9 * np.abs(offsets)).all(axis=1)
+
+
+def region_in_view(outline: Outline, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which instances the camera may see (N,) bool, and a box (2, 3) around what it sees of them."""
+    if not len(boxes):
+        return np.zeros(0, bool), np.zeros((2, 3))
+    view = outline.view
+    shown = np.array([i.visible_camera and not i.is_holdout for i in outline.instances])
+    seen = shown & in_frustum(view, boxes)
+    if not seen.any():
+        return seen, np.zeros((2, 3))
+    low, high = boxes[seen, 0].min(axis=0), boxes[seen, 1].max(axis=0)
+    depth = view.to_view(corners_of(boxes[seen]).reshape(-1, 3))[:, 2].max()
+    frustum = frustum_corners(view, float(np.clip(depth, view.near, view.far)))
+    margin = 0.05 * (frustum.max(axis=0) - frustum.min(axis=0))
+    low = np.maximum(low, frustum.min(axis=0) - margin)
+    high = np.minimum(high, frustum.max(axis=0) + margin)
+    return seen, np.stack([low, np.maximum(low, high)])
+
+
+def _emitter_box(light: Light) -> np.ndarray:
+    emitter = light.emitter
+    if emitter.kind in (EmitterKind.SPHERE, EmitterKind.FACING_DISK):
+        half = np.full(3, emitter.half_width)
+    else:
+        axes = np.abs(np.array([emitter.right, emitter.up]))
+        half = np.array([emitter.half_width, emitter.half_height]) @ axes
+    centre = np.array(emitter.centre)
+    return np.stack([centre - half, centre + half])
+
+
+def lights_region(light: Light, region: np.ndarray) -> bool:
+    """Whether the light can reach any point of the box `region` (2, 3), shadows aside."""
+    emitter = light.emitter
+    if emitter.kind == EmitterKind.DISTANT_DISK:
+        return True
+    corners = corners_of(region[None])[0] - np.array(emitter.centre)
+    forward = np.array(emitter.forward)
+    if emitter.kind in (EmitterKind.RECTANGLE, EmitterKind.ELLIPSE):
+        return bool((corners @ forward).max() > 0.0)
+    if emitter.cos_cone > 0.0:
+        # A cone narrower than a half space misses the box if the box's sphere does.
+        centre, radius = corners.mean(axis=0), 0.5 * np.linalg.norm(corners[0] - corners[7])
+        along = centre @ forward
+        across = np.linalg.norm(centre - along * forward)
+        sine = np.sqrt(1.0 - emitter.cos_cone**2)
+        outside = across * emitter.cos_cone - along * sine  # distance from the cone's surface
+        return bool(outside <= radius + emitter.half_width)
+    return True
+
+
+def casters_into(light: Light, region: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+    """(N,) bool: False only where nothing in the box can lie between the light and `region` (2, 3): where an
+    axis separates it from the hull of the two."""
+    emitter = light.emitter
+    corners = corners_of(boxes)
+    target = corners_of(region[None])[0]
+    distant = emitter.kind == EmitterKind.DISTANT_DISK
+    if distant:
+        towards = -np.array(emitter.forward)
+        centre = np.zeros(3)
+    else:
+        source = corners_of(_emitter_box(light)[None])[0]
+        centre = source.mean(axis=0)
+        towards = centre - target.mean(axis=0)
+    across = np.cross(towards, AXES)
+    lengths = np.linalg.norm(across, axis=1)
+    across = across[lengths > 1e-6 * max(np.linalg.norm(towards), 1e-30)]
+    keep = np.ones(len(boxes), bool)
+    for axis in (*AXES, *across):
+        along = target @ axis
+        low, high = along.min(), along.max()
+        if distant:
+            # The region swept towards the sun, whose disk widens the sweep with distance.
+            reach = np.abs((corners - target.mean(axis=0)) @ towards).max() + 1.0
+            drift = reach * (axis @ towards)
+            spread = reach * emitter.half_width * np.linalg.norm(axis)
+            low, high = min(low, low + drift) - spread, max(high, high + drift) + spread
+        else:
+            low, high = min(low, (source @ axis).min()), max(high, (source @ axis).max())
+        slack = 1e-6 * max(high - low, abs(low), abs(high))
+        reach_low, reach_high = (corners @ axis).min(axis=1), (corners @ axis).max(axis=1)
+        keep &= (reach_low <= high + slack) & (reach_high >= low - slack)
+    return keep

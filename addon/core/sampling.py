@@ -1,0 +1,74 @@
+"""Where an image is sampled: tiles of rows, and sub-pixel offsets drawn from the render's pixel filter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .outline import PixelFilter
+from .surface import Chunk
+
+PIXELS_PER_TILE = 1 << 20  # bounds the memory that a surface takes, whatever the image's size
+TABLE_LENGTH = 4096
+
+
+def filter_weight(pixel_filter: PixelFilter, x: np.ndarray) -> np.ndarray:
+    """The filter's weight `x` pixels from the centre along one axis (the filters are separable). Same shapes
+    as Cycles', so that a layer multiplies onto its image without fringes. Float64."""
+    t = np.abs(np.asarray(x, np.float64)) / pixel_filter.radius
+    if pixel_filter.kind == "BOX":
+        weight = np.ones_like(t)
+    elif pixel_filter.kind == "GAUSSIAN":
+        weight = np.exp(-2.0 * (3.0 * t) ** 2)
+    else:  # Blackman-Harris, four terms
+        phase = np.pi * (t + 1.0)
+        weight = 0.35875 - 0.48829 * np.cos(phase) + 0.14128 * np.cos(2 * phase) - 0.01168 * np.cos(3 * phase)
+    return np.where(t <= 1.0, weight, 0.0)
+
+
+def jitters(pixel_filter: PixelFilter, samples: int) -> np.ndarray:
+    """(samples, 2) float64 offsets in pixels whose density is the filter: every sample then weighs the same
+    and no pixel reads its neighbours. A Hammersley set through the inverse of the filter's distribution; one
+    sample is the pixel's centre."""
+    index = np.arange(samples)
+    radical, bit = np.zeros(samples), 0.5
+    rest = index.copy()
+    while rest.any():
+        radical += bit * (rest & 1)
+        rest >>= 1
+        bit *= 0.5
+    # Half a stratum keeps the set centred: radical inverses of n points are multiples of 2^-ceil(log2 n).
+    strata = 2.0 ** max(samples - 1, 0).bit_length()
+    uniform = np.stack([(index + 0.5) / samples, radical + 0.5 / strata], axis=1)
+    edges = np.linspace(-pixel_filter.radius, pixel_filter.radius, TABLE_LENGTH + 1)
+    weights = filter_weight(pixel_filter, 0.5 * (edges[1:] + edges[:-1]))
+    distribution = np.concatenate([[0.0], np.cumsum(weights)])
+    return np.interp(uniform, distribution / distribution[-1], edges)
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """An image of `width` x `height` pixels, `samples` jittered surfaces a pixel."""
+
+    width: int
+    height: int
+    samples: int = 1
+    pixel_filter: PixelFilter = field(default_factory=PixelFilter)
+
+    @property
+    def tile_rows(self) -> int:
+        return min(self.height, max(1, PIXELS_PER_TILE // self.width))
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Tile by tile, and within a tile sample by sample."""
+        offsets = jitters(self.pixel_filter, self.samples)
+        for y0 in range(0, self.height, self.tile_rows):
+            y1 = min(y0 + self.tile_rows, self.height)
+            for sample, (dx, dy) in enumerate(offsets):
+                yield Chunk(self.width, self.height, y0, y1, sample, (float(dx), float(dy)))
+
+    @property
+    def chunk_count(self) -> int:
+        return -(-self.height // self.tile_rows) * self.samples

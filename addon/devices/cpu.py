@@ -1,0 +1,80 @@
+"""The CPU device: the only importer of the native kernels."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+import strata_kernels
+
+from ..core.arrays import Arrays
+from ..core.outline import Outline
+
+
+class CpuDevice:
+    """Runs the Rust kernels; its values are numpy arrays and kernel handles."""
+
+    name = "cpu"
+    compile_seconds = 0.0
+    cancelled = (strata_kernels.Cancelled,)
+
+    def __init__(self, cancel_flag: strata_kernels.CancelFlag | None = None):
+        self.kernels = strata_kernels
+        self.cancel_flag = cancel_flag or strata_kernels.CancelFlag()
+        self.description = f"native kernels, {os.cpu_count()} threads"
+        self._outline: Outline | None = None
+        self._arrays: Arrays | None = None
+
+    def set_scene(self, outline: Outline, arrays: Arrays) -> None:
+        """The scene that `geometry` is made of from now on."""
+        self._outline, self._arrays = outline, arrays
+
+    def geometry(self) -> strata_kernels.Geometry:
+        """Every instance of the scene, at its index in the outline."""
+        geometry = strata_kernels.Geometry()
+        for mesh in self._arrays.meshes:
+            geometry.add_mesh(
+                mesh.positions,
+                mesh.corner_vertices,
+                mesh.face_starts,
+                mesh.corner_normals,
+                mesh.corner_uvs,
+                mesh.face_slots,
+            )
+        for cutout in self._arrays.cutouts:
+            geometry.add_material(cutout.threshold, cutout.alpha, cutout.texels)
+        for instance, matrix in zip(self._outline.instances, self._arrays.matrices, strict=True):
+            geometry.add_instance(instance.mesh, matrix, instance.object_id, list(instance.materials))
+        return geometry
+
+    def instance_mask(self, instances: frozenset[int]) -> np.ndarray:
+        """(instance count,) uint8, 1 at `instances`."""
+        mask = np.zeros(len(self._outline.instances), np.uint8)
+        mask[sorted(instances)] = 1
+        return mask
+
+    def to_host(self, value: Any) -> Any:
+        return value
+
+    def from_host(self, value: Any) -> Any:
+        return value
+
+    def finish(self) -> None:
+        pass
+
+    def release(self, value: Any) -> None:
+        pass
+
+
+class CpuRays:
+    """A RayCaster over a kernel's bounding volume hierarchy."""
+
+    def __init__(self, accel: strata_kernels.Accel, origin: np.ndarray):
+        self.accel = accel
+        self.origin = origin
+
+    def occluded(
+        self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray
+    ) -> np.ndarray:
+        return self.accel.occluded(casters, origins, directions, t_max)

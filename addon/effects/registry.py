@@ -1,0 +1,15 @@
+"""Every effect, in the order of the panel."""
+
+from ..core.effect import Effect
+from ..core.errors import StrataError
+from .soft_shadow import EFFECT as SOFT_SHADOW
+
+EFFECTS: tuple[Effect, ...] = (SOFT_SHADOW,)
+
+
+def effect_named(name: str) -> Effect:
+    """Raises StrataError if there is none."""
+    for effect in EFFECTS:
+        if effect.id == name:
+            return effect
+    raise StrataError(f"no effect '{name}'; there is {', '.join(effect.id for effect in EFFECTS)}")

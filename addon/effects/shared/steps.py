@@ -1,0 +1,92 @@
+"""Steps that several effects use: geometry, shading points, layered depth, rays."""
+
+from __future__ import annotations
+
+from ...core.graph import Node, Step
+from ...core.outline import Outline
+from ...core.recorder import Recorder
+from ...core.view import View
+
+
+def _geometry(device, scene):
+    return device.geometry()
+
+
+def _surface(device, geometry, view, visible, chunk, attributes):
+    return device.kernels.raster_surface(
+        geometry,
+        device.instance_mask(visible),
+        view.packed(),
+        chunk.width,
+        chunk.height,
+        rows=(chunk.y0, chunk.y1),
+        jitter=chunk.jitter,
+        attributes=sorted(attributes),
+        cancel=device.cancel_flag,
+    )
+
+
+def _layered_depth(device, geometry, view, casters, layers, width, height):
+    return device.kernels.layered_depth(
+        geometry,
+        device.instance_mask(casters),
+        view.packed(),
+        layers,
+        width,
+        height,
+        cancel=device.cancel_flag,
+    )
+
+
+def _ray_accelerator(device, geometry, eye, casters):
+    return device.kernels.Accel(geometry, eye, device.instance_mask(casters))
+
+
+# The scene's meshes and instances, on the device.
+GEOMETRY = Step("geometry", cpu=_geometry, copyable=False)
+# Shading points of one tile and sample: a dict of attribute arrays (core/surface.py).
+SURFACE = Step("surface", cpu=_surface, per_surface=True)
+# The nearest `layers` depths along each texel's ray, ascending, by single-pass k-buffer (thesis 4.3).
+LAYERED_DEPTH = Step("layered_depth", cpu=_layered_depth)
+# A bounding volume hierarchy over the casters.
+RAY_ACCELERATOR = Step(
+    "ray_accelerator", cpu=_ray_accelerator, hole="rays live on the CPU only", copyable=False
+)
+
+
+def geometry(recorder: Recorder, outline: Outline) -> Node:
+    """The scene at its frame."""
+    frame = (outline.scene_name, outline.view_layer_name, outline.frame)
+    return recorder.step(GEOMETRY, scene=frame)
+
+
+def surface(recorder: Recorder, outline: Outline, visible: frozenset[int], *attributes: str) -> Node:
+    """What the camera sees of the instances `visible`."""
+    recorder.reads_instances(visible)
+    return recorder.surface(
+        SURFACE, geometry(recorder, outline), attributes, view=outline.view, visible=visible
+    )
+
+
+def layered_depth(
+    recorder: Recorder,
+    outline: Outline,
+    view: View,
+    casters: frozenset[int],
+    layers: int,
+    size: tuple[int, int],
+    instance: str,
+) -> Node:
+    """`layers` depths of `casters` from `view`, `size` texels wide and high."""
+    recorder.reads_instances(casters)
+    width, height = size
+    return recorder.step(
+        LAYERED_DEPTH,
+        geometry(recorder, outline),
+        instance=instance,
+        view=view,
+        casters=casters,
+        layers=layers,
+        width=width,
+        height=height,
+    )

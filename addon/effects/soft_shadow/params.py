@@ -1,0 +1,63 @@
+"""Settings of soft shadows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from ...core.params import Params, param
+
+
+class Method(Enum):
+    """How backprojected texels add up to occlusion."""
+
+    AREA = "area"
+    BITMASK = "bitmask"
+    HYBRID = "hybrid"
+
+
+@dataclass(frozen=True)
+class SoftShadowParams(Params):
+    layers: int = param(
+        3,
+        hard=(1, 8),
+        trades_time=True,
+        doc="Depths kept per texel; more stop light from leaking between overlapping casters",
+    )
+    resolution: int = param(
+        1024, hard=(128, 4096), unit="texel", trades_time=True, doc="Side of each light's depth map"
+    )
+    method: Method = param(
+        Method.BITMASK,
+        doc="How texels add up: area is the thesis's sum, bitmask counts light samples, hybrid adds rays",
+    )
+    max_samples: int = param(
+        4096,
+        hard=(16, 65536),
+        soft=(256, 16384),
+        unit="texel",
+        trades_time=True,
+        doc="Texels of the map that one point may read; beyond it a coarser map is read",
+    )
+    refinements: int = param(
+        1,
+        hard=(0, 4),
+        trades_time=True,
+        doc="Times the search region is narrowed by the nearest caster in it",
+    )
+    gradient_scale: float = param(
+        1.0,
+        hard=(0.0, 16.0),
+        soft=(0.0, 4.0),
+        doc="Shadow bias, a multiple of the depth's slope across a texel; too small: acne, too large: leaks",
+    )
+    gradient_cap_m: float = param(
+        1e9, hard=(0.0, 1e9), soft=(0.0, 1.0), unit="m", doc="Largest bias that the slope may give"
+    )
+    rays: int = param(
+        64,
+        hard=(1, 1024),
+        soft=(16, 256),
+        trades_time=True,
+        doc="Rays for each point that the map is unsure of, with the hybrid method",
+    )

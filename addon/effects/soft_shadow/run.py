@@ -1,0 +1,160 @@
+"""The order of work, the same on every device."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.culling import boxes_of, casters_into, lights_region, region_in_view
+from ...core.emitter import EmitterKind
+from ...core.graph import Node
+from ...core.outline import Light, Outline
+from ...core.recorder import Recorder
+from ..shared import steps as shared
+from . import steps
+from .params import Method, SoftShadowParams
+from .views import light_views
+
+POINTS = ("position", "geometric_normal", "shading_normal")
+
+
+def needed(outline: Outline) -> str | None:
+    """Why the scene has no soft shadow to compute, or None."""
+    if not outline.instances:
+        return "the scene has no surfaces"
+    if not outline.lights:
+        return "the scene has no lights"
+    if not any(light.casts_shadow and not light.is_dark for light in outline.lights):
+        return "no light casts shadows"
+    return None
+
+
+def run(recorder: Recorder, outline: Outline, params: SoftShadowParams) -> None:
+    """One layer for each light whose shadow falls in view."""
+    boxes = boxes_of(outline)
+    seen, region = region_in_view(outline, boxes)
+    for index, light in enumerate(outline.lights):
+        reason = _unneeded(light, seen, region)
+        casters = frozenset() if reason else _casters(light, outline, region, boxes)
+        if not reason and not casters:
+            reason = "nothing casts a shadow into view"
+        if reason:
+            recorder.left_out(f"soft_shadow {light.name}", reason, light.name)
+        else:
+            _record_light(recorder, outline, params, index, casters, seen, region, boxes)
+    _report_idle_instances(recorder, outline, seen)
+
+
+def _unneeded(light: Light, seen: np.ndarray, region: np.ndarray) -> str | None:
+    if light.is_dark:
+        return "no power"
+    if not light.casts_shadow:
+        return "its shadow is switched off"
+    if not seen.any():
+        return "nothing is in view"
+    if light.receivers is not None and not any(seen[list(light.receivers)]):
+        return "it lights nothing in view (light linking)"
+    if not lights_region(light, region):
+        return "reaches nothing in view"
+    return None
+
+
+def _casters(light: Light, outline: Outline, region: np.ndarray, boxes: np.ndarray) -> frozenset[int]:
+    allowed = np.array([instance.casts_shadow for instance in outline.instances])
+    if light.casters is not None:
+        linked = np.zeros(len(allowed), bool)
+        linked[list(light.casters)] = True
+        allowed &= linked
+    return frozenset(np.flatnonzero(allowed & casters_into(light, region, boxes)).tolist())
+
+
+def _record_light(recorder, outline, params, index, casters, seen, region, boxes) -> None:
+    from . import EFFECT
+
+    light = outline.lights[index]
+    visible = frozenset(np.flatnonzero(seen).tolist())
+    attributes = POINTS if light.receivers is None else (*POINTS, "instance")
+    surface = shared.surface(recorder, outline, visible, *attributes)
+    views, left_out = light_views(light.emitter, boxes[sorted(casters)], region[None])
+    for what, reason in left_out:
+        recorder.left_out(f"soft_shadow {light.name} {what}", reason, light.name)
+    if not _has_size(light):
+        recorder.left_out(
+            f"soft_shadow {light.name} penumbra", "a light of no size has hard shadows", light.name
+        )
+    maps = [
+        _map(recorder, outline, params, view, casters, f"{light.name} {name}".strip()) for name, view in views
+    ]
+    backprojection = Method.BITMASK if params.method == Method.HYBRID else params.method
+    eye = outline.view.eye
+    shadow = recorder.step(
+        steps.BACKPROJECT,
+        surface,
+        *maps,
+        instance=light.name,
+        eye=eye,
+        emitter=light.emitter,
+        method=backprojection.value,
+        max_samples=params.max_samples,
+        refinements=params.refinements,
+    )
+    if params.method == Method.HYBRID:
+        accelerator = _accelerator(recorder, outline, casters, light.name)
+        shadow = recorder.step(
+            steps.RAYS,
+            surface,
+            shadow,
+            accelerator,
+            instance=light.name,
+            eye=eye,
+            emitter=light.emitter,
+            casters=casters,
+            rays=params.rays,
+            seed=outline.seed,
+        )
+    visibility = recorder.step(steps.VISIBILITY, shadow, instance=light.name)
+    if light.receivers is not None:
+        visibility = recorder.step(
+            steps.RECEIVERS, surface, visibility, instance=light.name, receivers=light.receivers
+        )
+    recorder.layer(EFFECT.layers[0], visibility, index, casters)
+
+
+def _map(recorder: Recorder, outline: Outline, params: SoftShadowParams, view, casters, name: str) -> Node:
+    """A map has one layer more than is used: the last has no midpoint to the next."""
+    depth = shared.layered_depth(
+        recorder, outline, view, casters, params.layers + 1, (params.resolution, params.resolution), name
+    )
+    return recorder.step(
+        steps.PREPARE,
+        depth,
+        instance=name,
+        view=view,
+        gradient_scale=params.gradient_scale,
+        gradient_cap_m=params.gradient_cap_m,
+    )
+
+
+def _accelerator(recorder: Recorder, outline: Outline, casters: frozenset[int], name: str) -> Node:
+    return recorder.step(
+        shared.RAY_ACCELERATOR,
+        shared.geometry(recorder, outline),
+        instance=name,
+        eye=outline.view.eye,
+        casters=casters,
+    )
+
+
+def _has_size(light: Light) -> bool:
+    emitter = light.emitter
+    if emitter.kind in (EmitterKind.RECTANGLE, EmitterKind.ELLIPSE):
+        return emitter.half_width > 0.0 or emitter.half_height > 0.0
+    return emitter.half_width > 0.0
+
+
+def _report_idle_instances(recorder: Recorder, outline: Outline, seen: np.ndarray) -> None:
+    """Objects that are neither seen nor cast into view are never read."""
+    idle = [i for i in range(len(outline.instances)) if not seen[i] and i not in recorder.instances]
+    names = sorted({outline.instances[i].name for i in idle})
+    shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+    if names:
+        recorder.left_out(f"objects {shown}", "neither in view nor casting a shadow into it")

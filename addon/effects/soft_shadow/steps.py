@@ -1,0 +1,72 @@
+"""The steps of soft shadows, each with its two twins."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.graph import Step
+from .params import Method
+
+
+def _prepare(device, depth, view, gradient_scale, gradient_cap_m):
+    return device.kernels.soft_shadow_prepare(
+        depth, view.packed(), gradient_scale, gradient_cap_m, cancel=device.cancel_flag
+    )
+
+
+def _backproject(device, surface, *maps, eye, emitter, method, max_samples, refinements):
+    name = "soft_shadow_area" if method == Method.AREA.value else "soft_shadow_bitmask"
+    visibility, uncertain = getattr(device.kernels, name)(
+        surface["position"],
+        surface["geometric_normal"],
+        surface["shading_normal"],
+        np.array(eye),
+        emitter.packed(),
+        list(maps),
+        max_samples,
+        refinements,
+        cancel=device.cancel_flag,
+    )
+    return {"visibility": visibility, "uncertain": uncertain}
+
+
+def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, seed):
+    visibility = shadow["visibility"].copy()
+    chosen = np.flatnonzero(shadow["uncertain"])
+    if len(chosen):
+        points = [
+            np.ascontiguousarray(surface[name].reshape(-1, 3)[chosen])
+            for name in ("position", "geometric_normal", "shading_normal")
+        ]
+        traced, _ = device.kernels.ray_visibility(
+            accelerator,
+            device.instance_mask(casters),
+            emitter.packed(),
+            np.array(eye),
+            *points,
+            rays,
+            seed,
+            cancel=device.cancel_flag,
+        )
+        visibility.reshape(-1)[chosen] = traced
+    return {"visibility": visibility, "uncertain": shadow["uncertain"]}
+
+
+def _visibility(device, shadow):
+    return shadow["visibility"]
+
+
+def _receivers(device, surface, visibility, receivers):
+    lit = np.append(device.instance_mask(receivers), 0).astype(bool)  # index -1, a miss, is the last
+    return np.where(lit[surface["instance"]], visibility, np.float32(1.0))
+
+
+# Biases and coarser maps of one layered depth map (thesis 5.3.2 and 5.3.4).
+PREPARE = Step("soft_shadow/prepare", cpu=_prepare, copyable=False)
+# Texels projected back onto the light from every shading point (thesis eq. 5.3).
+BACKPROJECT = Step("soft_shadow/backproject", cpu=_backproject)
+# Rays for the points that the map is unsure of.
+RAYS = Step("soft_shadow/rays", cpu=_rays, hole="rays live on the CPU only")
+VISIBILITY = Step("soft_shadow/visibility", cpu=_visibility)
+# Instances that the light does not light stay as they are (light linking).
+RECEIVERS = Step("soft_shadow/receivers", cpu=_receivers)
