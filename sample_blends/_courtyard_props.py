@@ -1,42 +1,14 @@
-"""What stands in the courtyard: fountain and statue, lanterns, bench, railings, pots and plants."""
+"""What stands in the courtyard: fountain and statue, cat, lanterns, bench, railings, sign."""
 
 import math
 
+import _kit as kit
 import bpy
 import numpy as np
 
-import _kit as kit
-
 FOUNTAIN = (-0.9, 0.6)
-LANTERN = (2.6, 3.7, 2.2)
-WALL_LANTERN = (5.95, 1.2, 2.75)
-
-
-def leaf_picture(size=96):
-    """A leaf with a midrib on a clear background; its alpha is 0 or 1, so it clips the same everywhere."""
-    u, v = np.meshgrid((np.arange(size) + 0.5) / size, (np.arange(size) + 0.5) / size)
-    half = 0.47 * np.sin(math.pi * np.clip(u, 0, 1) ** 0.75) ** 0.8
-    inside = np.abs(v - 0.5) < half * (1 + 0.07 * np.sin(u * 60))
-    rib = np.clip(1 - np.abs(v - 0.5) / 0.025, 0, 1) + 0.5 * np.clip(1 - np.abs((u * 7 - np.abs(v - 0.5) * 5) % 1 - 0.5) / 0.08, 0, 1)
-    base = np.array([0.42, 0.56, 0.24]) + np.outer((u - 0.5).ravel(), [0.08, 0.1, 0.02]).reshape(size, size, 3)
-    rgb = base + 0.14 * np.clip(rib, 0, 1)[..., None]
-    return kit.image("Leaf", np.concatenate([rgb, inside[..., None].astype(float)], 2))
-
-
-def leaf_card(name, surface, length, width, bend):
-    """A bent strip of four quads along +X whose picture is cut out by its alpha."""
-    steps = 3
-    vertices = [
-        (length * i / steps, side * width / 2, bend * math.sin(math.pi * 0.8 * i / steps) + (0.12 * width if side else 0))
-        for i in range(steps + 1)
-        for side in (-1, 0, 1)
-    ]
-    faces = [(3 * i + s, 3 * i + s + 3, 3 * i + s + 4, 3 * i + s + 1) for i in range(steps) for s in (0, 1)]
-    made = kit.mesh(name, vertices, faces, surface, smooth=True)
-    layer = made.uv_layers.new(name="UVMap")
-    for loop in made.loops:
-        layer.data[loop.index].uv = (loop.vertex_index // 3 / steps, (loop.vertex_index % 3) / 2)
-    return made
+LANTERN = (3.1, 5.1, 2.15)
+WALL_LANTERN = (5.95, 1.2, 2.58)
 
 
 def _fountain(look, into):
@@ -44,11 +16,42 @@ def _fountain(look, into):
     x, y = FOUNTAIN
     step = [(1.52, -0.05), (1.52, 0.1), (1.5, 0.12), (1.2, 0.12)]
     kit.lathe("Fountain step", step, look["stone"], into, 8, location=(x, y, 0), rotation=(0, 0, 22.5))
-    basin = [(1.1, 0.1), (1.12, 0.16), (1.04, 0.2), (1.02, 0.28), (1.1, 0.42), (1.14, 0.5), (1.2, 0.52), (1.23, 0.55), (1.23, 0.59)]
+    basin = [
+        (1.1, 0.1),
+        (1.12, 0.16),
+        (1.04, 0.2),
+        (1.02, 0.28),
+        (1.1, 0.42),
+        (1.14, 0.5),
+        (1.2, 0.52),
+        (1.23, 0.55),
+        (1.23, 0.59),
+    ]
     basin += [(1.2, 0.62), (1.06, 0.62), (1.03, 0.6), (1.02, 0.3), (0.3, 0.28)]
     kit.lathe("Basin", basin, look["trim"], into, 96, location=(x, y, 0))
-    stem = [(0.34, 0.28), (0.34, 0.5), (0.3, 0.54), (0.22, 0.57), (0.15, 0.66), (0.13, 0.8), (0.17, 0.9), (0.2, 0.92), (0.18, 0.95)]
-    stem += [(0.25, 0.98), (0.42, 1.04), (0.56, 1.13), (0.62, 1.2), (0.635, 1.215), (0.63, 1.24), (0.59, 1.24), (0.56, 1.2), (0.4, 1.15), (0.26, 1.14)]
+    stem = [
+        (0.34, 0.28),
+        (0.34, 0.5),
+        (0.3, 0.54),
+        (0.22, 0.57),
+        (0.15, 0.66),
+        (0.13, 0.8),
+        (0.17, 0.9),
+        (0.2, 0.92),
+        (0.18, 0.95),
+    ]
+    stem += [
+        (0.25, 0.98),
+        (0.42, 1.04),
+        (0.56, 1.13),
+        (0.62, 1.2),
+        (0.635, 1.215),
+        (0.63, 1.24),
+        (0.59, 1.24),
+        (0.56, 1.2),
+        (0.4, 1.15),
+        (0.26, 1.14),
+    ]
     stem += [(0.26, 1.3), (0.24, 1.33), (0.22, 1.34), (0.001, 1.34)]
     kit.lathe("Upper basin", stem, look["trim"], into, 96, location=(x, y, 0))
     kit.lathe("Water below", [(1.025, 0.52), (0.001, 0.52)], look["water"], into, 48, location=(x, y, 0))
@@ -57,29 +60,83 @@ def _fountain(look, into):
 
 def _robe(look, into, place):
     """A long folded robe: a coarse cage under a subdivision surface."""
-    sides, levels = 36, [(0.0, 0.27, 0.12), (0.06, 0.26, 0.13), (0.3, 0.225, 0.12), (0.55, 0.19, 0.09), (0.74, 0.165, 0.05)]
-    levels += [(0.84, 0.135, 0.02), (0.9, 0.128, 0.02), (1.0, 0.15, 0.02), (1.12, 0.16, 0.01), (1.2, 0.12, 0.0), (1.24, 0.06, 0.0)]
+    sides, levels = (
+        36,
+        [(0.0, 0.27, 0.12), (0.06, 0.26, 0.13), (0.3, 0.225, 0.12), (0.55, 0.19, 0.09), (0.74, 0.165, 0.05)],
+    )
+    levels += [
+        (0.84, 0.135, 0.02),
+        (0.9, 0.128, 0.02),
+        (1.0, 0.15, 0.02),
+        (1.12, 0.16, 0.01),
+        (1.2, 0.12, 0.0),
+        (1.24, 0.06, 0.0),
+    ]
     vertices = []
     for height, radius, fold in levels:
         for side in range(sides):
             turn = 2 * math.pi * side / sides
-            r = radius * (1 + fold * (math.cos(9 * turn + 1.2 * height) + 0.5 * math.sin(5 * turn - 2 * height)))
+            r = radius * (
+                1 + fold * (math.cos(9 * turn + 1.2 * height) + 0.5 * math.sin(5 * turn - 2 * height))
+            )
             vertices.append((r * math.cos(turn) * 1.08, r * math.sin(turn) * 0.8, height))
     faces = [
-        (sides * level + s, sides * level + (s + 1) % sides, sides * (level + 1) + (s + 1) % sides, sides * (level + 1) + s)
+        (
+            sides * level + s,
+            sides * level + (s + 1) % sides,
+            sides * (level + 1) + (s + 1) % sides,
+            sides * (level + 1) + s,
+        )
         for level in range(len(levels) - 1)
         for s in range(sides)
     ]
-    robe = kit.add_object("Robe", kit.mesh("Robe", vertices, faces, look["marble"], smooth=True), into, **place)
+    robe = kit.add_object(
+        "Robe", kit.mesh("Robe", vertices, faces, look["marble"], smooth=True), into, **place
+    )
     kit.subdivide(robe, 2)
 
 
 def _limbs(look, into, place):
     """Neck, head and arms from a skin modifier: one arm steadies the jar, the other rests on the hip."""
-    joints = [((0, 0, 1.12), 0.1), ((0, 0, 1.22), 0.062), ((0, -0.005, 1.3), 0.048), ((0, -0.02, 1.38), 0.082), ((0, -0.015, 1.47), 0.086), ((0, 0.0, 1.53), 0.05)]
-    joints += [((0.15, 0, 1.16), 0.068), ((0.28, -0.03, 1.24), 0.05), ((0.32, -0.05, 1.42), 0.042), ((0.22, -0.04, 1.6), 0.03), ((0.155, -0.03, 1.68), 0.03)]
-    joints += [((-0.15, 0, 1.16), 0.068), ((-0.25, 0.03, 1.02), 0.05), ((-0.31, 0.05, 0.88), 0.042), ((-0.23, -0.03, 0.8), 0.032), ((-0.15, -0.07, 0.8), 0.028)]
-    bones = [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (0, 6), (6, 7), (7, 8), (8, 9), (9, 10), (0, 11), (11, 12), (12, 13), (13, 14), (14, 15)]
+    joints = [
+        ((0, 0, 1.12), 0.1),
+        ((0, 0, 1.22), 0.062),
+        ((0, -0.005, 1.3), 0.048),
+        ((0, -0.02, 1.38), 0.082),
+        ((0, -0.015, 1.47), 0.086),
+        ((0, 0.0, 1.53), 0.05),
+    ]
+    joints += [
+        ((0.15, 0, 1.16), 0.068),
+        ((0.28, -0.03, 1.24), 0.05),
+        ((0.32, -0.05, 1.42), 0.042),
+        ((0.22, -0.04, 1.6), 0.03),
+        ((0.155, -0.03, 1.68), 0.03),
+    ]
+    joints += [
+        ((-0.15, 0, 1.16), 0.068),
+        ((-0.25, 0.03, 1.02), 0.05),
+        ((-0.31, 0.05, 0.88), 0.042),
+        ((-0.23, -0.03, 0.8), 0.032),
+        ((-0.15, -0.07, 0.8), 0.028),
+    ]
+    bones = [
+        (0, 1),
+        (1, 2),
+        (2, 3),
+        (3, 4),
+        (4, 5),
+        (0, 6),
+        (6, 7),
+        (7, 8),
+        (8, 9),
+        (9, 10),
+        (0, 11),
+        (11, 12),
+        (12, 13),
+        (13, 14),
+        (14, 15),
+    ]
     shape = bpy.data.meshes.new("Figure")
     shape.from_pydata([where for where, _ in joints], bones, [])
     shape.materials.append(look["marble"])
@@ -97,9 +154,28 @@ def _statue(look, into):
     place = {"location": (*FOUNTAIN, 1.34), "rotation": (0, 0, 14), "scale": 0.86}
     _robe(look, into, place)
     _limbs(look, into, place)
-    jar = [(0.001, 0), (0.05, 0.0), (0.055, 0.02), (0.1, 0.08), (0.135, 0.16), (0.13, 0.24), (0.085, 0.3), (0.052, 0.33), (0.05, 0.38), (0.075, 0.41)]
+    jar = [
+        (0.001, 0),
+        (0.05, 0.0),
+        (0.055, 0.02),
+        (0.1, 0.08),
+        (0.135, 0.16),
+        (0.13, 0.24),
+        (0.085, 0.3),
+        (0.052, 0.33),
+        (0.05, 0.38),
+        (0.075, 0.41),
+    ]
     jar += [(0.078, 0.42), (0.06, 0.42), (0.04, 0.38)]
-    kit.lathe("Jar", jar, look["clay"], into, 48, location=(FOUNTAIN[0], FOUNTAIN[1], 1.34 + 0.86 * 1.56), scale=0.86)
+    kit.lathe(
+        "Jar",
+        jar,
+        look["clay"],
+        into,
+        48,
+        location=(FOUNTAIN[0], FOUNTAIN[1], 1.34 + 0.86 * 1.525),
+        scale=0.86,
+    )
 
 
 def _lantern(look, into):
@@ -107,19 +183,31 @@ def _lantern(look, into):
     ring = [(0.2 * math.cos(t), 0.2 * math.sin(t)) for t in np.linspace(0, 2 * math.pi, 9)[:8]]
     bars = []
     for (x, y), (p, q) in zip(ring, ring[1:] + ring[:1], strict=True):
-        bars += [((0.75 * x, 0.75 * y, -0.3), (x, y, 0.16), 0.011, 0.011), ((x, y, 0.16), (0.06 * x, 0.06 * y, 0.36), 0.011, 0.008)]
+        bars += [
+            ((0.75 * x, 0.75 * y, -0.3), (x, y, 0.16), 0.014, 0.014),
+            ((x, y, 0.16), (0.06 * x, 0.06 * y, 0.36), 0.011, 0.008),
+        ]
         for height, size in ((-0.3, 0.75), (-0.04, 0.891), (0.16, 1.0)):
             bars.append(((size * x, size * y, height), (size * p, size * q, height), 0.009, 0.009))
     lantern = kit.collection("Lantern", linked=False)
     kit.add_object("Cage", kit.tubes("Cage", bars, look["iron"], 8), lantern)
-    kit.lathe("Tray", [(0.001, -0.31), (0.16, -0.31), (0.17, -0.3), (0.15, -0.285), (0.001, -0.285)], look["iron"], lantern, 32)
-    kit.lathe("Candle", [(0.03, -0.29), (0.03, -0.08), (0.022, -0.07), (0.001, -0.07)], look["trim"], lantern, 24)
+    kit.lathe(
+        "Tray",
+        [(0.001, -0.31), (0.16, -0.31), (0.17, -0.3), (0.15, -0.285), (0.001, -0.285)],
+        look["iron"],
+        lantern,
+        32,
+    )
+    kit.lathe(
+        "Candle", [(0.03, -0.29), (0.03, -0.08), (0.022, -0.07), (0.001, -0.07)], look["trim"], lantern, 24
+    )
     cap = [(0.13, 0.26), (0.09, 0.31), (0.04, 0.34), (0.03, 0.4), (0.001, 0.42)]
     kit.lathe("Cap", cap, look["iron"], lantern, 32)
     kit.instance("Hanging lantern", lantern, into, location=LANTERN)
     x, y, z = LANTERN
-    kit.curve("Rope", [(x, y, z + 0.4), (x + 0.01, y, z + 0.7), (x, y + 0.15, z + 1.0), (x, y + 0.3, z + 1.1)], 0.013, look["rope"], into)
-    lower = (WALL_LANTERN[0] + 0.02, WALL_LANTERN[1], WALL_LANTERN[2] + 0.12)
+    hang = [(x, y, z + 0.4), (x + 0.01, y, z + 0.9), (x - 0.01, y, z + 1.6), (x, y, z + 2.4)]
+    kit.curve("Rope", hang, 0.013, look["rope"], into)
+    lower = (WALL_LANTERN[0] + 0.02, WALL_LANTERN[1], WALL_LANTERN[2] + 0.29)
     kit.instance("Wall lantern cage", lantern, into, location=lower, scale=0.8)
     x, y, z = lower
     arm = [(6.5, y, z + 0.02), (6.3, y, z + 0.1), (6.15, y, z + 0.5), (x, y, z + 0.55), (x, y, z + 0.32)]
@@ -130,10 +218,19 @@ def _railing(look, into, name, x, y, width):
     """An iron railing with a row of bars and scrolls between two rails."""
     half = width / 2
     rails = [((-half, 0, z), (half, 0, z), 0.018, 0.018) for z in (0.12, 0.78, 0.95)]
-    kit.add_object(f"{name} rails", kit.tubes(f"{name} rails", rails, look["iron"], 12), into, location=(x, y, 0))
-    bar = kit.tubes(f"{name} bar", [((-half + 0.065, 0, 0), (-half + 0.065, 0, 0.95), 0.011, 0.011)], look["iron"], 10)
-    kit.array(kit.add_object(f"{name} bars", bar, into, location=(x, y, 0)), round(width / 0.13), (0.13, 0, 0))
-    loop = [(-half + 0.13 + 0.055 * math.cos(t), 0, 0.865 + 0.07 * math.sin(t)) for t in np.linspace(0, 2 * math.pi, 9)[:8]]
+    kit.add_object(
+        f"{name} rails", kit.tubes(f"{name} rails", rails, look["iron"], 12), into, location=(x, y, 0)
+    )
+    bar = kit.tubes(
+        f"{name} bar", [((-half + 0.065, 0, 0), (-half + 0.065, 0, 0.95), 0.011, 0.011)], look["iron"], 10
+    )
+    kit.array(
+        kit.add_object(f"{name} bars", bar, into, location=(x, y, 0)), round(width / 0.13), (0.13, 0, 0)
+    )
+    loop = [
+        (-half + 0.13 + 0.055 * math.cos(t), 0, 0.865 + 0.07 * math.sin(t))
+        for t in np.linspace(0, 2 * math.pi, 9)[:8]
+    ]
     scroll = kit.curve(f"{name} rings", loop, 0.008, look["iron"], into, cyclic=True, location=(x, y, 0))
     scroll.data.resolution_u, scroll.data.bevel_resolution = 3, 1
     kit.array(scroll, round(width / 0.13) - 1, (0.13, 0, 0))
@@ -149,14 +246,64 @@ def _bench(look, into):
     rest = kit.add_object("Backrest", back, into, location=(6.06, 1.7, 0.56), rotation=(0, 10, 0))
     kit.array(rest, 3, (0, 0, 0.14))
     kit.bevel(rest, 0.008, 2)
-    legs = [((5.52 + x, 1.7 + y - 0.03, 0), (5.58 + x, 1.7 + y + 0.03, top)) for x, top in ((0, 0.44), (0.44, 0.44)) for y in (-0.75, 0.75)]
+    legs = [
+        ((5.52 + x, 1.7 + y - 0.03, 0), (5.58 + x, 1.7 + y + 0.03, top))
+        for x, top in ((0, 0.44), (0.44, 0.44))
+        for y in (-0.75, 0.75)
+    ]
     legs += [((5.52, 1.7 + y - 0.03, 0.38), (6.0, 1.7 + y + 0.03, 0.44)) for y in (-0.75, 0.75)]
     legs += [((6.06, 1.7 + y - 0.03, 0.38), (6.1, 1.7 + y + 0.03, 0.98)) for y in (-0.75, 0.75)]
     kit.bevel(kit.add_object("Bench frame", kit.boxes("Bench frame", legs, look["iron"]), into), 0.008, 2)
-    coil = [((0.3 - 0.0028 * i) * math.cos(i * 0.42), (0.3 - 0.0028 * i) * math.sin(i * 0.42), 0.03 + 0.0009 * i) for i in range(75)]
+    coil = [
+        ((0.3 - 0.0028 * i) * math.cos(i * 0.42), (0.3 - 0.0028 * i) * math.sin(i * 0.42), 0.03 + 0.0009 * i)
+        for i in range(75)
+    ]
     kit.curve("Coil of rope", coil, 0.026, look["rope"], into, location=(3.9, 0.1, 0))
-    jug = [(0.001, 0), (0.09, 0), (0.1, 0.01), (0.15, 0.1), (0.16, 0.18), (0.13, 0.27), (0.07, 0.33), (0.06, 0.38), (0.08, 0.41), (0.07, 0.41), (0.05, 0.37)]
+    jug = [
+        (0.001, 0),
+        (0.09, 0),
+        (0.1, 0.01),
+        (0.15, 0.1),
+        (0.16, 0.18),
+        (0.13, 0.27),
+        (0.07, 0.33),
+        (0.06, 0.38),
+        (0.08, 0.41),
+        (0.07, 0.41),
+        (0.05, 0.37),
+    ]
     kit.lathe("Jug", jug, look["glazed"], into, 48, location=(5.75, 1.15, 0.48))
+
+
+def _cat(look, into):
+    """A sitting cat of metaballs on the rim of the fountain."""
+    place = {
+        "location": (FOUNTAIN[0] + 0.45, FOUNTAIN[1] - 1.02, 0.61),
+        "rotation": (0, 0, 35),
+        "scale": 1.15,
+    }
+    shape = bpy.data.metaballs.new("Cat")
+    shape.resolution = shape.render_resolution = 0.022
+    shape.threshold = 0.3
+    shape.materials.append(look["cat"])
+    lumps = [
+        ((0, 0.03, 0.09), 0.17, (1, 1.15, 0.9)),
+        ((0, -0.04, 0.19), 0.13, (0.9, 0.85, 1.3)),
+        ((0, -0.08, 0.32), 0.115, (1, 1, 0.9)),
+    ]
+    lumps += [((x, 0.0, 0.06), 0.12, (0.6, 1.2, 0.8)) for x in (-0.08, 0.08)]
+    lumps += [((x, -0.11, z), 0.062, (0.8, 0.8, 1.5)) for x in (-0.04, 0.04) for z in (0.035, 0.1, 0.16)]
+    lumps += [((x, -0.135, 0.015), 0.055, (0.9, 1.3, 0.6)) for x in (-0.04, 0.04)]
+    lumps.append(((0, -0.135, 0.3), 0.06, (1.1, 0.9, 0.7)))
+    for centre, size, stretch in lumps:
+        lump = shape.elements.new(type="ELLIPSOID")
+        lump.co, lump.radius = centre, size
+        lump.size_x, lump.size_y, lump.size_z = stretch
+    kit.add_object("Cat", shape, into, **place)
+    ears = [((x, -0.075, 0.365), (1.25 * x, -0.08, 0.43), 0.026, 0.002) for x in (-0.04, 0.04)]
+    kit.add_object("Cat ears", kit.tubes("Cat ears", ears, look["cat"], 12), into, **place)
+    tail = [(0, 0.14, 0.04), (0.06, 0.22, 0.02), (0.12, 0.2, -0.1), (0.13, 0.17, -0.24), (0.17, 0.18, -0.32)]
+    kit.curve("Cat tail", tail, 0.019, look["cat"], into, **place)
 
 
 def _sign(look, into):
@@ -180,109 +327,4 @@ def furnish(look, into):
     _railing(look, into, "Inner railing", -2.6, 4.0, 2.08)
     _bench(look, into)
     _sign(look, into)
-
-
-def _pot(name, surface, into, height=0.45, **placement):
-    """A rimmed pot, with earth in it."""
-    h = height
-    outline = [(0.001, 0), (0.6 * h / 2, 0), (0.64 * h / 2, 0.04 * h), (0.9 * h / 2, 0.55 * h), (0.96 * h / 2, 0.82 * h), (1.1 * h / 2, 0.83 * h)]
-    outline += [(1.13 * h / 2, 0.86 * h), (1.13 * h / 2, 0.97 * h), (1.1 * h / 2, h), (0.97 * h / 2, h), (0.94 * h / 2, 0.9 * h), (0.001, 0.88 * h)]
-    return kit.lathe(name, outline, surface, into, 48, **placement)
-
-
-def _emitter(name, into, balls):
-    """A mesh of a few icospheres for leaves to sprout from: (centre, radius) each."""
-    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=2, radius=1)
-    source = bpy.context.object
-    points = np.array([vertex.co[:] for vertex in source.data.vertices])
-    triangles = np.array([polygon.vertices[:] for polygon in source.data.polygons])
-    ball = source.data
-    bpy.data.objects.remove(source)
-    bpy.data.meshes.remove(ball)
-    vertices = np.concatenate([points * radius + centre for centre, radius in balls])
-    faces = np.concatenate([triangles + len(points) * index for index in range(len(balls))])
-    return kit.add_object(name, kit.mesh(name, vertices, faces), into)
-
-
-def _tree(look, leaves):
-    """An orange tree in a clay pot, as a collection to instance."""
-    tree = kit.collection("Orange tree", linked=False)
-    _pot("Tree pot", look["clay"], tree, 0.5)
-    trunk = [((0, 0, 0.4), (0.015, 0.01, 0.85), 0.032, 0.026), ((0.015, 0.01, 0.85), (-0.01, 0, 1.25), 0.026, 0.022)]
-    trunk += [((-0.01, 0, 1.2), (0.2 * math.cos(t), 0.2 * math.sin(t), 1.55), 0.018, 0.006) for t in (0.3, 2.2, 4.4)]
-    kit.add_object("Trunk", kit.tubes("Trunk", trunk, look["wood"], 12), tree)
-    balls = [((0, 0, 1.5), 0.36), ((0.17, 0.08, 1.62), 0.26), ((-0.16, 0.1, 1.58), 0.27), ((0.02, -0.18, 1.6), 0.26), ((0, 0.02, 1.78), 0.24)]
-    kit.scatter(_emitter("Crown", tree, balls), leaves, 210, seed=3, scale=(0.7, 1.25), tilt=40)
-    fruit = kit.collection("Fruit", linked=False)
-    kit.lathe("Orange", [(0.045 * math.sin(t) + 1e-5, -0.045 * math.cos(t)) for t in np.linspace(0, math.pi, 13)], look["orange"], fruit, 16)
-    kit.scatter(_emitter("Fruit places", tree, [((0, 0, 1.6), 0.42)]), fruit, 7, seed=8, scale=(0.85, 1.1))
-    return tree
-
-
-def _agave(look):
-    """A rosette of thick pointed leaves in a glazed pot."""
-    agave = kit.collection("Agave", linked=False)
-    _pot("Agave pot", look["glazed"], agave, 0.42)
-    vertices, faces = [], []
-    for leaf in range(26):
-        turn, lift = leaf * 2.39996, 0.25 + 1.1 * leaf / 26
-        start = len(vertices)
-        for i, width in enumerate((0.03, 0.05, 0.045, 0.025, 0.004)):
-            reach = 0.13 * i
-            out, up = reach * math.cos(lift) + 0.02, reach * math.sin(lift) - 0.05 * (i / 4) ** 2 * math.cos(lift) * 2
-            for across, raised in ((-1, 0.02), (0, -0.006), (1, 0.02), (0, -0.028 * (1 - i / 4.5))):
-                x, y = out, across * width
-                vertices.append((x * math.cos(turn) - y * math.sin(turn), x * math.sin(turn) + y * math.cos(turn), up + raised + 0.36))
-        for i in range(4):
-            for k in range(4):
-                a, b = start + 4 * i + k, start + 4 * i + (k + 1) % 4
-                faces.append((b, a, a + 4, b + 4))
-    shape = kit.add_object("Agave leaves", kit.mesh("Agave leaves", vertices, faces, look["agave"], smooth=True), agave)
-    kit.subdivide(shape, 1)
-    return agave
-
-
-def _climber(look, leaves, into):
-    """Bougainvillea over the right wall and the corner: patches along a path carry leaves and bracts."""
-    rng = np.random.default_rng(31)
-    vertices, faces = [], []
-    path = [(6.4, 3.2, 0.5), (6.42, 3.1, 1.6), (6.4, 2.9, 2.7), (6.38, 2.5, 3.5), (6.3, 1.4, 3.95), (6.3, 0.2, 4.1), (6.35, -0.9, 3.95), (6.4, -1.6, 3.6)]
-    ticks = np.linspace(0, len(path) - 1, 150)
-    spots = np.stack([np.interp(ticks, range(len(path)), axis) for axis in zip(*path, strict=True)], 1)
-    for tick, spot in zip(ticks, spots, strict=True):
-        spread = 0.1 + 0.32 * min(tick / 4, 1)
-        centre = spot + rng.normal(size=3) * (0.03, spread, 0.55 * spread)
-        centre[0] = min(centre[0], 6.44)
-        start, turn = len(vertices), rng.uniform(0, 6.28)
-        for corner in range(3):
-            angle = turn + corner * 2.094
-            vertices.append(centre + (rng.uniform(-0.1, 0.02), 0.17 * math.cos(angle), 0.17 * math.sin(angle)))
-        normal = np.cross(vertices[start + 1] - vertices[start], vertices[start + 2] - vertices[start])
-        faces.append((start, start + 1, start + 2) if normal[0] < 0 else (start, start + 2, start + 1))
-    patches = kit.mesh("Climber", vertices, faces)
-    kit.scatter(kit.add_object("Climber leaves", patches, into), leaves, 260, seed=11, scale=(0.7, 1.2), tilt=55)
-    bracts = kit.collection("Bracts", linked=False)
-    petals = [(0.06 * math.cos(t), 0.06 * math.sin(t), 0.05) for t in (0, 2.1, 4.2)]
-    flower, cells = [(0, 0, 0)], []
-    for index, tip in enumerate(petals):
-        turn = 2.1 * index
-        flower += [(0.04 * math.cos(turn + s), 0.04 * math.sin(turn + s), 0.02) for s in (-0.7, 0.7)] + [tip]
-        cells += [(0, 3 * index + 1, 3 * index + 3), (0, 3 * index + 3, 3 * index + 2)]
-    kit.add_object("Bract", kit.mesh("Bract", flower, cells, look["bract"]), bracts)
-    kit.scatter(kit.add_object("Climber flowers", patches.copy(), into), bracts, 330, seed=12, scale=(0.8, 1.5), tilt=45)
-    kit.curve("Climber stem", [(6.38, 3.25, 0), *path[:5]], 0.022, look["wood"], into)
-
-
-def plant(look, into):
-    """Trees, agaves and the climber."""
-    leaves = kit.collection("Leaf kinds", linked=False)
-    for index, (length, width, bend) in enumerate([(0.13, 0.065, 0.02), (0.16, 0.07, 0.035), (0.11, 0.06, 0.01)]):
-        kit.add_object(f"Leaf {index}", leaf_card(f"Leaf {index}", look["leaf"], length, width, bend), leaves)
-    tree, agave = _tree(look, leaves), _agave(look)
-    trees = [((-3.9, 3.1, 0), 20, 1.15), ((1.3, 3.0, 0), 140, 1.1), ((-4.6, -0.9, 0), 260, 1.2), ((5.6, -0.3, 0), 75, 1.0)]
-    for index, (place, turn, size) in enumerate(trees):
-        kit.instance(f"Orange tree {index}", tree, into, location=place, rotation=(0, 0, turn), scale=size)
-    agaves = [((3.7, 2.9, 0), 0, 1.2), ((4.3, -2.2, 0), 80, 1.35), ((-3.1, -2.6, 0), 200, 1.0), ((5.75, 3.1, 0), 30, 1.0)]
-    for index, (place, turn, size) in enumerate(agaves):
-        kit.instance(f"Agave {index}", agave, into, location=place, rotation=(0, 0, turn), scale=size)
-    _climber(look, leaves, into)
+    _cat(look, into)

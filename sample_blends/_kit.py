@@ -198,7 +198,9 @@ def curve(name, points, radius, surface, into=None, cyclic=False, **placement):
     shape.use_fill_caps = True
     spline = shape.splines.new("NURBS")
     spline.points.add(len(points) - 1)
-    spline.points.foreach_set("co", np.append(np.asarray(points, float), np.ones((len(points), 1)), 1).ravel())
+    spline.points.foreach_set(
+        "co", np.append(np.asarray(points, float), np.ones((len(points), 1)), 1).ravel()
+    )
     spline.order_u, spline.use_endpoint_u, spline.use_cyclic_u = 4, not cyclic, cyclic
     shape.materials.append(surface)
     return add_object(name, shape, into, **placement)

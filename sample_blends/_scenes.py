@@ -1,11 +1,10 @@
-"""The small sample scenes: a dandelion, stacked casters, a scene that needs nothing, an animation, a benchmark."""
+"""The small sample scenes: dandelion, stacked casters, one that needs nothing, animation, benchmark."""
 
 import math
 
+import _kit as kit
 import bpy
 import numpy as np
-
-import _kit as kit
 
 
 def _ground(color=(0.55, 0.53, 0.5), size=12.0):
@@ -57,12 +56,16 @@ def dandelion():
         made = kit.instance(f"Seed {index:03d}", seed, head, location=centre + 0.022 * direction)
         made.rotation_mode = "QUATERNION"
         made.rotation_quaternion = kit.Vector(direction).to_track_quat("Z", "Y")
-    for index, (place, turn) in enumerate([((0.33, -0.12, 0.02), 75), ((0.45, 0.18, 0.3), 25), ((0.62, 0.0, 0.5), -15)]):
+    for index, (place, turn) in enumerate(
+        [((0.33, -0.12, 0.02), 75), ((0.45, 0.18, 0.3), 25), ((0.62, 0.0, 0.5), -15)]
+    ):
         kit.instance(f"Flying seed {index}", seed, head, location=place, rotation=(turn, 20, 40 * index))
     receptacle = [(0.001, -0.02), (0.014, -0.016), (0.022, 0), (0.018, 0.014), (0.001, 0.021)]
     kit.lathe("Receptacle", receptacle, green, steps=24, location=centre)
     kit.curve("Stem", [(0.05, 0.02, 0), (0.06, 0.01, 0.12), (0.02, 0, 0.28), (0, 0, 0.405)], 0.006, green)
-    kit.lamp("Window", "AREA", (-0.75, -0.35, 1.25), (0.05, 0, 0.2), 14, (1, 0.95, 0.88), shape="SQUARE", size=0.12)
+    kit.lamp(
+        "Window", "AREA", (-0.75, -0.35, 1.25), (0.05, 0, 0.2), 14, (1, 0.95, 0.88), shape="SQUARE", size=0.12
+    )
     kit.sky((0.55, 0.65, 0.8), strength=0.12)
     kit.camera((0.28, -1.45, 0.62), (0.13, 0, 0.27), 42)
 
@@ -74,7 +77,9 @@ def stacked():
     clay, slate = kit.material("Clay", (0.62, 0.3, 0.18)), kit.material("Slate", (0.2, 0.3, 0.38))
     bone = kit.material("Bone", (0.78, 0.72, 0.6))
     for index, (height, half, turn) in enumerate([(0.35, 0.75, 10), (0.8, 0.55, 38), (1.25, 0.35, 64)]):
-        plate = kit.boxes(f"Plate {index}", [((-half, -half, -0.02), (half, half, 0.02))], (slate, clay, slate)[index])
+        plate = kit.boxes(
+            f"Plate {index}", [((-half, -half, -0.02), (half, half, 0.02))], (slate, clay, slate)[index]
+        )
         kit.bevel(kit.add_object(plate.name, plate, location=(-0.9, 0, height), rotation=(0, 0, turn)), 0.008)
     offsets = [-0.8 + 0.16 * index for index in range(11)]
     bars = [((-0.8, y, 0), (0.8, y, 0), 0.018, 0.018) for y in offsets]
@@ -83,7 +88,9 @@ def stacked():
     for index, height in enumerate((0.5, 1.0, 1.5)):
         kit.add_object(f"Grid {index}", grid, location=(1.0, 0.1, height), rotation=(0, 0, 17 * index))
     ball = _ball("Ball", clay)
-    for index, (x, z, size) in enumerate([(1.0, 0.26, 0.2), (0.7, 0.77, 0.16), (1.2, 1.24, 0.15), (1.0, 1.75, 0.2)]):
+    for index, (x, z, size) in enumerate(
+        [(1.0, 0.26, 0.2), (0.7, 0.77, 0.16), (1.2, 1.24, 0.15), (1.0, 1.75, 0.2)]
+    ):
         kit.add_object(f"Ball {index}", ball, location=(x, 0.1, z), scale=size)
     kit.lamp("Panel", "AREA", (0.0, -0.6, 3.4), (0.1, 0, 0), 220, (1, 0.96, 0.9), shape="SQUARE", size=0.8)
     kit.sky((0.6, 0.7, 0.85), strength=0.15)
@@ -148,7 +155,9 @@ def _bending_mast(surface):
 
 def _keyed_ball(surface):
     """A ball that a shape key flattens over the frames."""
-    made = kit.add_object("Squashed ball", _ball("Squashed ball", surface), location=(1.5, 0.9, 0.6), scale=0.6)
+    made = kit.add_object(
+        "Squashed ball", _ball("Squashed ball", surface), location=(1.5, 0.9, 0.6), scale=0.6
+    )
     made.shape_key_add(name="Basis")
     key = made.shape_key_add(name="Flat")
     positions = np.empty(len(key.data) * 3, np.float32)
@@ -190,7 +199,9 @@ def bench_scene(path=None):
     _ground(size=24.0)
     surface = kit.material("Torus", (0.5, 0.45, 0.4))
     rng = np.random.default_rng(20)
-    bpy.ops.mesh.primitive_torus_add(major_segments=96, minor_segments=48, major_radius=0.55, minor_radius=0.16)
+    bpy.ops.mesh.primitive_torus_add(
+        major_segments=96, minor_segments=48, major_radius=0.55, minor_radius=0.16
+    )
     source = bpy.context.object
     shape = source.data
     shape.name = "Torus"

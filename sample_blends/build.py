@@ -27,7 +27,10 @@ def build(names):
         SCENES[name]()
         size = kit.save(kit.FOLDER / f"{name}.blend")
         found = kit.statistics()
-        print(f"{name:<12}{found['triangles']:>11,}{found['drawn']:>9,}{size:>10,}  {found['digest']}", flush=True)
+        print(
+            f"{name:<12}{found['triangles']:>11,}{found['drawn']:>9,}{size:>10,}  {found['digest']}",
+            flush=True,
+        )
 
 
 def main():
