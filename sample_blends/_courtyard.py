@@ -38,7 +38,7 @@ def _materials():
         "plaster": make("Plaster", (0.8, 0.68, 0.5), 0.92, _plaster_picture()),
         "trim": make("Pale stone", (0.78, 0.71, 0.6), 0.75),
         "stone": make("Weathered stone", (0.56, 0.52, 0.46), 0.85),
-        "marble": make("Marble", (0.85, 0.81, 0.74), 0.5),
+        "marble": make("Marble", (0.76, 0.71, 0.64), 0.5),
         "earth": make("Earth", (0.34, 0.26, 0.18), 0.95),
         "tile": make("Roof tile", (0.56, 0.23, 0.12), 0.8),
         "wood": make("Old wood", (0.26, 0.14, 0.07), 0.7),
@@ -53,7 +53,6 @@ def _materials():
         "bract": make("Bougainvillea", (0.75, 0.07, 0.28), 0.7),
         "orange": make("Orange", (0.85, 0.32, 0.03), 0.45),
         "cat": make("Ginger fur", (0.62, 0.27, 0.08), 0.9),
-        "flame": make("Candle glass", (1.0, 0.72, 0.4), 0.5, emission=2.0),
     }
 
 
@@ -272,6 +271,6 @@ def courtyard():
     props.furnish(look, furnishing)
     plants.plant(look, garden)
     _lights(lights)
-    kit.sky((0.52, 0.70, 1.0), (0.05, 0.20, 0.75), strength=0.42)
+    kit.sky((0.52, 0.70, 1.0), (0.05, 0.20, 0.75), strength=0.34)
     kit.camera((-3.9, -7.2, 2.25), (0.75, 2.2, 1.5), 28)
     scene.view_settings.look = "AgX - Medium High Contrast"

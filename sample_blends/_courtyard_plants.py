@@ -167,9 +167,8 @@ def _climber(look, leaves, into):
         start, turn = len(vertices), rng.uniform(0, 6.28)
         for corner in range(3):
             angle = turn + corner * 2.094
-            vertices.append(
-                centre + (rng.uniform(-0.1, 0.02), 0.17 * math.cos(angle), 0.17 * math.sin(angle))
-            )
+            offset = np.array([rng.uniform(-0.1, 0.02), 0.17 * math.cos(angle), 0.17 * math.sin(angle)])
+            vertices.append(centre + offset)
         normal = np.cross(vertices[start + 1] - vertices[start], vertices[start + 2] - vertices[start])
         faces.append((start, start + 1, start + 2) if normal[0] < 0 else (start, start + 2, start + 1))
     patches = kit.mesh("Climber", vertices, faces)

@@ -69,7 +69,7 @@ def image(name, pixels):
     return made
 
 
-def material(name, color, roughness=0.8, picture=None, cut_out=False, metallic=0.0, emission=0.0):
+def material(name, color, roughness=0.8, picture=None, cut_out=False):
     """A Principled BSDF; `picture` replaces the base colour, and its alpha cuts holes with `cut_out`."""
     made = bpy.data.materials.new(name)
     made.diffuse_color = (*color, 1.0)
@@ -77,11 +77,7 @@ def material(name, color, roughness=0.8, picture=None, cut_out=False, metallic=0
     shader = tree.nodes["Principled BSDF"]
     shader.inputs["Base Color"].default_value = (*color, 1.0)
     shader.inputs["Roughness"].default_value = roughness
-    shader.inputs["Metallic"].default_value = metallic
     shader.inputs["Specular IOR Level"].default_value = 0.25
-    if emission:
-        shader.inputs["Emission Color"].default_value = (*color, 1.0)
-        shader.inputs["Emission Strength"].default_value = emission
     if picture:
         texture = tree.nodes.new("ShaderNodeTexImage")
         texture.location = (-320, 200)
@@ -329,5 +325,9 @@ def save(path):
     """Purge what nothing uses and save compressed; returns the size in bytes."""
     bpy.data.orphans_purge(do_recursive=True)
     bpy.context.preferences.filepaths.save_version = 0
+    for screen in bpy.data.screens:
+        for space in (space for area in screen.areas for space in area.spaces):
+            if space.type == "FILE_BROWSER" and space.params:
+                space.params.directory = b"//"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True)
     return Path(path).stat().st_size

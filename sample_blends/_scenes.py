@@ -57,16 +57,16 @@ def dandelion():
         made.rotation_mode = "QUATERNION"
         made.rotation_quaternion = kit.Vector(direction).to_track_quat("Z", "Y")
     for index, (place, turn) in enumerate(
-        [((0.33, -0.12, 0.02), 75), ((0.45, 0.18, 0.3), 25), ((0.62, 0.0, 0.5), -15)]
+        [((0.36, 0.02, 0.05), 75), ((0.45, 0.18, 0.3), 25), ((0.62, 0.0, 0.5), -15)]
     ):
         kit.instance(f"Flying seed {index}", seed, head, location=place, rotation=(turn, 20, 40 * index))
     receptacle = [(0.001, -0.02), (0.014, -0.016), (0.022, 0), (0.018, 0.014), (0.001, 0.021)]
     kit.lathe("Receptacle", receptacle, green, steps=24, location=centre)
     kit.curve("Stem", [(0.05, 0.02, 0), (0.06, 0.01, 0.12), (0.02, 0, 0.28), (0, 0, 0.405)], 0.006, green)
     kit.lamp(
-        "Window", "AREA", (-0.75, -0.35, 1.25), (0.05, 0, 0.2), 14, (1, 0.95, 0.88), shape="SQUARE", size=0.12
+        "Window", "AREA", (-0.75, -0.35, 1.25), (0.05, 0, 0.2), 34, (1, 0.95, 0.88), shape="SQUARE", size=0.12
     )
-    kit.sky((0.55, 0.65, 0.8), strength=0.12)
+    kit.sky((0.45, 0.62, 0.85), strength=0.3)
     kit.camera((0.28, -1.45, 0.62), (0.13, 0, 0.27), 42)
 
 
@@ -92,7 +92,7 @@ def stacked():
         [(1.0, 0.26, 0.2), (0.7, 0.77, 0.16), (1.2, 1.24, 0.15), (1.0, 1.75, 0.2)]
     ):
         kit.add_object(f"Ball {index}", ball, location=(x, 0.1, z), scale=size)
-    kit.lamp("Panel", "AREA", (0.0, -0.6, 3.4), (0.1, 0, 0), 220, (1, 0.96, 0.9), shape="SQUARE", size=0.8)
+    kit.lamp("Panel", "AREA", (0.0, -0.6, 3.4), (0.1, 0, 0), 480, (1, 0.96, 0.9), shape="SQUARE", size=0.8)
     kit.sky((0.6, 0.7, 0.85), strength=0.15)
     kit.camera((0.5, -5.4, 2.7), (0.1, 0, 0.62), 38)
 
@@ -148,7 +148,6 @@ def _bending_mast(surface):
     bone = rig.pose.bones["Upper"]
     bone.rotation_mode = "XYZ"
     for frame, angle in ((1, -35), (10, 60)):
-        bone.rotation_euler = (0, 0, math.radians(angle))
         bone.rotation_euler = (math.radians(angle) * 0.3, 0, math.radians(angle))
         bone.keyframe_insert("rotation_euler", frame=frame)
 
@@ -182,7 +181,7 @@ def animated():
         box.keyframe_insert("rotation_euler", frame=frame)
     _bending_mast(teal)
     _keyed_ball(cream)
-    light = kit.lamp("Moving panel", "AREA", (-2, -2, 3.6), (0, 0, 0.5), 260, shape="SQUARE", size=0.6)
+    light = kit.lamp("Moving panel", "AREA", (-2, -2, 3.6), (0, 0, 0.5), 480, shape="SQUARE", size=0.6)
     for frame, place in ((1, (-2.0, -2.0, 3.6)), (10, (1.2, -2.4, 3.6))):
         light.location = place
         kit.aim(light, (0, 0, 0.5))
@@ -211,11 +210,11 @@ def bench_scene(path=None):
     bpy.data.objects.remove(source)
     for index in range(30):
         column, row = index % 6, index // 6
-        x, y = rng.uniform(-0.3, 0.3, 2) + (1.35 * (column - 2.5), 1.2 * (row - 2))
+        x, y = np.array([1.35 * (column - 2.5), 1.2 * (row - 2)]) + rng.uniform(-0.3, 0.3, 2)
         angles = rng.uniform(0, 360, 3)
         height = rng.uniform(0.75, 2.1)
         kit.add_object(f"Torus {index:02d}", shape.copy(), location=(x, y, height), rotation=angles)
-    kit.lamp("Panel", "AREA", (0.5, -0.5, 6.0), (0, 0, 0), 900, shape="SQUARE", size=1.5)
+    kit.lamp("Panel", "AREA", (0.6, 1.0, 5.6), (0, 0, 0), 1800, shape="SQUARE", size=1.5)
     kit.sky((0.5, 0.5, 0.5), strength=0.1)
     kit.camera((0, -6.6, 7.6), (0, -0.1, 0.3), 35)
     bpy.data.orphans_purge(do_recursive=True)

@@ -36,8 +36,11 @@ def build(names):
 def main():
     """Read the names from the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", choices=[*SCENES, []], help="scenes to build, all without one")
-    build(parser.parse_args().names or SCENES)
+    parser.add_argument("names", nargs="*", metavar="name", help=f"from {', '.join(SCENES)}; all without one")
+    names = parser.parse_args().names
+    if unknown := [name for name in names if name not in SCENES]:
+        parser.error(f"no such scene: {', '.join(unknown)}")
+    build(names or SCENES)
 
 
 if __name__ == "__main__":
