@@ -168,7 +168,7 @@ def _arcade(name, look, column, bays, into, location, turn):
 
 def _roof(look, into):
     """A lean-to roof of clay tiles over the back arcade."""
-    turns = np.linspace(0, math.pi, 9)
+    turns = np.linspace(0, math.pi, 13)
     rows = [(0.0, 0.105), (0.62, 0.085)]
     vertices = [(r * math.cos(t), y, r * math.sin(t)) for y, r in rows for t in turns]
     faces = [(i, i + 1, len(turns) + i + 1, len(turns) + i) for i in range(len(turns) - 1)]

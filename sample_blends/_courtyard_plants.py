@@ -101,10 +101,10 @@ def _tree(look, leaves):
     fruit = kit.collection("Fruit", linked=False)
     kit.lathe(
         "Orange",
-        [(0.045 * math.sin(t) + 1e-5, -0.045 * math.cos(t)) for t in np.linspace(0, math.pi, 13)],
+        [(0.045 * math.sin(t) + 1e-5, -0.045 * math.cos(t)) for t in np.linspace(0, math.pi, 15)],
         look["orange"],
         fruit,
-        16,
+        24,
     )
     kit.scatter(_emitter("Fruit places", tree, [((0, 0, 1.6), 0.42)]), fruit, 7, seed=8, scale=(0.85, 1.1))
     return tree
