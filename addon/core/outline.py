@@ -103,8 +103,8 @@ class PixelFilter:
 class Light:
     """A lamp: shape and relative radiance (`emitter`), and how much light (`intensity`).
 
-    `intensity` is linear RGB in the working space: W/sr along the emitter's axis, and W/m² on a facing
-    surface for a sun. It stays finite for lights of no size, so:
+    `intensity` is linear RGB in the working space, where the emitter's relative radiance is 1: W/sr, and
+    W/m² on a facing surface for a sun. It is finite for lights of no size too:
 
     - irradiance = intensity / measure · ∫ relative radiance · cos⁺ · G dA, with measure = `emitter_measure`
     - `radiance` = intensity / measure
@@ -133,7 +133,7 @@ class Light:
 
     @property
     def radiance(self) -> Colour:
-        """W/(m²·sr) along the axis; infinite for a light of no size."""
+        """W/(m²·sr) where the relative radiance is 1; infinite for a light of no size."""
         measure = emitter_measure(self.emitter)
         return tuple(
             i / measure if measure > 0.0 else (math.copysign(math.inf, i) if i else 0.0)
@@ -154,12 +154,12 @@ def emitter_measure(emitter: Emitter) -> float:
 
 @dataclass(frozen=True)
 class Image:
-    """A texture. `key` is unique in the file; pixels come with the extraction."""
+    """One reading of a texture: `channel` is 'COLOR' or, as a single float, 'ALPHA' or 'LUMINANCE'. Whether
+    it can be read shows when it is (see `Arrays.textures`)."""
 
     name: str
     key: str
-    width: int
-    height: int
+    channel: str
 
 
 @dataclass(frozen=True)

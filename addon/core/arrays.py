@@ -1,0 +1,55 @@
+"""The arrays of a scene at one frame: what devices are fed with. Filled by `addon/scene/extract.py`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class MeshArrays:
+    """A mesh in object space, as Blender stores it: polygons, and attributes of their corners.
+
+    `positions` (V, 3) f32; `corner_vertices` (C,) i32; `face_starts` (F + 1,) i32, the first corner of each
+    face and then C; `corner_normals` (C, 3) f32 unit, None for a flat mesh; `corner_uvs` (C, 2) f32, None
+    where nothing samples them; `face_slots` (F,) i32 material slots, None for slot 0 throughout.
+    """
+
+    positions: np.ndarray
+    corner_vertices: np.ndarray
+    face_starts: np.ndarray
+    corner_normals: np.ndarray | None = None
+    corner_uvs: np.ndarray | None = None
+    face_slots: np.ndarray | None = None
+
+    @property
+    def nbytes(self) -> int:
+        return sum(a.nbytes for a in vars(self).values() if a is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class Cutout:
+    """A material's alpha clip, as `strata_kernels.Geometry.add_material` takes it: `texels` (H, W) f32, row 0
+    at the bottom, or None for `alpha` throughout."""
+
+    threshold: float = 0.0
+    alpha: float = 1.0
+    texels: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Arrays:
+    """Indices are the outline's: `meshes[i]` belongs to `outline.meshes[i]`, row i of `matrices` (N, 4, 4)
+    f64 object to world to `outline.instances[i]`, `cutouts[i]` to `outline.materials[i]`, and `textures[i]`
+    to `outline.images[i]`: (H, W) f32 or, for COLOR, (H, W, 4) f32 scene-linear and not premultiplied.
+
+    A mesh that cannot be used has no faces; a texture that cannot be read, or was not wanted, is not in
+    `textures`. `warnings` says so, one line each.
+    """
+
+    meshes: tuple[MeshArrays, ...]
+    matrices: np.ndarray
+    cutouts: tuple[Cutout, ...]
+    textures: dict[int, np.ndarray] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()

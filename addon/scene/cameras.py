@@ -1,0 +1,95 @@
+"""Cameras, and what of the frame a render computes."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..core.errors import StrataError
+from ..core.outline import Camera, PixelFilter
+from .transforms import as_vector, is_usable, matrix_of
+
+
+def camera_of(evaluated: bpy.types.Object) -> Camera:
+    """Raises StrataError for what is no camera, a panoramic one, or one without a direction."""
+    name = evaluated.name
+    if evaluated.type != "CAMERA":
+        raise StrataError(f"'{name}' is not a camera")
+    data = evaluated.data
+    if data.type not in {"PERSP", "ORTHO"}:
+        raise StrataError(f"camera '{name}' is panoramic or custom: only perspective and orthographic render")
+    matrix = matrix_of(evaluated.matrix_world)
+    if not is_usable(matrix):
+        raise StrataError(f"camera '{name}' has a matrix that is singular or not finite")
+    near, far = float(data.clip_start), float(data.clip_end)
+    if not 0.0 < near < far:
+        raise StrataError(f"camera '{name}' clips everything: it starts at {near:g} m and ends at {far:g} m")
+    # A camera's scale does not count in Blender, and a sheared one is straightened as Cycles does it.
+    forward = -matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+    up = matrix[:3, 1] - forward * (matrix[:3, 1] @ forward)
+    up /= np.linalg.norm(up)
+    right = np.cross(forward, up)
+    if right @ matrix[:3, 0] < 0.0:
+        right = -right
+    return Camera(
+        name=name,
+        eye=as_vector(matrix[:3, 3]),
+        right=as_vector(right),
+        up=as_vector(up),
+        forward=as_vector(forward),
+        orthographic=data.type == "ORTHO",
+        lens=float(data.lens),
+        orthographic_scale=float(data.ortho_scale),
+        sensor_fit=data.sensor_fit,
+        sensor_width=float(data.sensor_width),
+        sensor_height=float(data.sensor_height),
+        shift_x=float(data.shift_x),
+        shift_y=float(data.shift_y),
+        near=near,
+        far=far,
+    )
+
+
+def camera_warnings(evaluated: bpy.types.Object, render: bpy.types.RenderSettings) -> list[str]:
+    warnings = []
+    if evaluated.data.dof.use_dof:
+        warnings.append(f"camera '{evaluated.name}': depth of field is not read, layers are sharp")
+    if render.use_motion_blur:
+        warnings.append("motion blur is not read, layers show one instant")
+    if render.use_multiview:
+        warnings.append("stereoscopy is not read, layers show one eye in the middle")
+    return warnings
+
+
+def frame_size_of(render: bpy.types.RenderSettings) -> tuple[int, int]:
+    """Pixels of the whole frame, rounded as BKE_render_resolution does."""
+    percentage = render.resolution_percentage
+    return render.resolution_x * percentage // 100, render.resolution_y * percentage // 100
+
+
+def region_of(render: bpy.types.RenderSettings, size: tuple[int, int]) -> tuple[int, int, int, int] | None:
+    """The render region in pixels x0, y0, x1, y1, truncated in float32 as the render pipeline does it; None
+    where the whole frame is rendered."""
+    if not render.use_border:
+        return None
+    borders = (render.border_min_x, render.border_min_y, render.border_max_x, render.border_max_y)
+    region = tuple(int(np.float32(b) * np.float32(n)) for b, n in zip(borders, size * 2, strict=True))
+    if region[0] >= region[2] or region[1] >= region[3]:
+        raise StrataError("the render region has no pixels")
+    return region
+
+
+def pixel_filter_of(scene: bpy.types.Scene) -> PixelFilter:
+    """Of the engine that the scene renders with: Cycles has its own, others take the film's Filter Size.
+
+    Cycles stretches a Gaussian three-fold and a Blackman-Harris two-fold over its Filter Width
+    (`filter_table` in its film.cpp); a box is a pixel wide whatever the setting. EEVEE's is a
+    Blackman-Harris of that radius.
+    """
+    if scene.render.engine == "CYCLES" and hasattr(scene, "cycles"):
+        kind = scene.cycles.pixel_filter_type
+        if kind == "BOX":
+            return PixelFilter(kind, 0.5)
+        stretch = {"GAUSSIAN": 1.5, "BLACKMAN_HARRIS": 1.0}[kind]
+        return PixelFilter(kind, stretch * scene.cycles.filter_width)
+    return PixelFilter("BLACKMAN_HARRIS", float(scene.render.filter_size))

@@ -1,0 +1,158 @@
+"""The arrays behind an outline, and only those that somebody reads."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import bpy
+import numpy as np
+
+from ..core.arrays import Arrays, Cutout, MeshArrays
+from ..core.outline import Outline
+from .pixels import channel_of, pixels_of
+from .scan import Scan
+
+# What a graph may ask for. Positions and polygons always come.
+CORNER_NORMALS = "corner_normals"
+UV = "uv"
+ALPHA = "alpha"
+BASE_COLOR = "base_color"
+WANTS = frozenset({CORNER_NORMALS, UV, ALPHA, BASE_COLOR})
+
+
+def extract(scan: Scan, wants: Collection[str] = WANTS) -> Arrays:
+    """Arrays of every mesh of the outline. `wants` is a subset of `WANTS`: `CORNER_NORMALS` of smooth meshes,
+    `UV` of meshes with a material that samples a texture, texels for `ALPHA` clips and for `BASE_COLOR`."""
+    outline = scan.outline
+    warnings: list[str] = []
+    owners = _owners(outline)
+    textured = _textured_meshes(outline, wants) if UV in wants else frozenset()
+    meshes = tuple(
+        _mesh_arrays(source, CORNER_NORMALS in wants, index in textured, owners[index], warnings)
+        for index, source in enumerate(scan.mesh_sources)
+    )
+    textures = _textures(scan, wants, warnings)
+    matrices = np.array([instance.matrix for instance in outline.instances], np.float64).reshape(-1, 4, 4)
+    return Arrays(meshes, matrices, _cutouts(outline, textures), textures, tuple(warnings))
+
+
+def _owners(outline: Outline) -> list[str]:
+    """Name of the first object that shows each mesh."""
+    owners = [mesh.name for mesh in outline.meshes]
+    for instance in reversed(outline.instances):
+        owners[instance.mesh] = instance.name
+    return owners
+
+
+def _textured_meshes(outline: Outline, wants: Collection[str]) -> frozenset[int]:
+    sampling = {
+        index
+        for index, material in enumerate(outline.materials)
+        if (ALPHA in wants and material.is_cutout and material.alpha_image is not None)
+        or (BASE_COLOR in wants and material.base_color_image is not None)
+    }
+    return frozenset(i.mesh for i in outline.instances if not sampling.isdisjoint(i.materials))
+
+
+def _mesh_arrays(
+    mesh: bpy.types.Mesh, want_normals: bool, want_uv: bool, owner: str, warnings: list[str]
+) -> MeshArrays:
+    """Corners are read by `attributes[...]`: `loops` goes element by element, a hundred times as long."""
+    corner_count = len(mesh.loops)
+    positions = _read(mesh.attributes["position"].data, "vector", np.float32, len(mesh.vertices), 3)
+    # One pass over the numbers; only a suspicious sum is looked at closer.
+    if not np.isfinite(np.dot(positions.ravel(), positions.ravel())):
+        bad = ~np.isfinite(positions).all(axis=1)
+        if bad.all():
+            warnings.append(f"object '{owner}' is left out: none of its vertices is finite")
+            return _no_faces()
+        if bad.any():
+            count = f"{int(bad.sum())} of {len(bad)}"
+            warnings.append(f"object '{owner}': faces are left out, {count} vertices are not finite")
+    corner_vertices = _read(mesh.attributes[".corner_vert"].data, "value", np.int32, corner_count)
+    normals = None
+    if want_normals and mesh.normals_domain != "FACE":
+        normals = _corner_normals(mesh, corner_vertices)
+    uvs = None
+    if want_uv:
+        layer = next((layer for layer in mesh.uv_layers if layer.active_render), None)
+        if layer is None:
+            warnings.append(f"object '{owner}': it has no UV map, its textures are read at one point")
+        else:
+            uvs = _read(layer.uv, "vector", np.float32, corner_count, 2)
+            if not np.isfinite(np.dot(uvs.ravel(), uvs.ravel())):
+                warnings.append(f"object '{owner}': some texture coordinates are not finite, they count as 0")
+                np.nan_to_num(uvs, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+    slots = mesh.attributes.get("material_index")
+    if slots is not None and (slots.domain != "FACE" or slots.data_type != "INT"):
+        slots = None
+    face_slots = None if slots is None else _read(slots.data, "value", np.int32, len(mesh.polygons))
+    return MeshArrays(positions, corner_vertices, _face_starts(mesh), normals, uvs, face_slots)
+
+
+def _read(elements, name: str, dtype, count: int, width: int | None = None) -> np.ndarray:
+    flat = np.empty(count * (width or 1), dtype)
+    elements.foreach_get(name, flat)
+    return flat if width is None else flat.reshape(count, width)
+
+
+def _face_starts(mesh: bpy.types.Mesh) -> np.ndarray:
+    """(F + 1,) i32. Blender keeps this very array, but shows it face by face only."""
+    face_count, corner_count = len(mesh.polygons), len(mesh.loops)
+    # No face has fewer than three corners, so this many corners means triangles throughout.
+    if corner_count == 3 * face_count:
+        return np.arange(0, corner_count + 1, 3, dtype=np.int32)
+    starts = np.empty(face_count + 1, np.int32)
+    mesh.polygons.foreach_get("loop_start", starts[:-1])
+    starts[-1] = corner_count
+    return starts
+
+
+def _corner_normals(mesh: bpy.types.Mesh, corner_vertices: np.ndarray) -> np.ndarray:
+    """(C, 3) f32. Normals that are not finite (of a broken or edgeless corner) become zero: no normal."""
+    if mesh.normals_domain == "POINT":
+        vertex_normals = _read(mesh.vertex_normals, "vector", np.float32, len(mesh.vertices), 3)
+        normals = np.take(vertex_normals, corner_vertices, axis=0)
+    else:
+        normals = _read(mesh.corner_normals, "vector", np.float32, len(corner_vertices), 3)
+    if not np.isfinite(np.dot(normals.ravel(), normals.ravel())):
+        np.nan_to_num(normals, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+    return normals
+
+
+def _no_faces() -> MeshArrays:
+    return MeshArrays(np.zeros((0, 3), np.float32), np.zeros(0, np.int32), np.zeros(1, np.int32))
+
+
+def _textures(scan: Scan, wants: Collection[str], warnings: list[str]) -> dict[int, np.ndarray]:
+    outline = scan.outline
+    wanted: dict[int, str] = {}
+    for material in outline.materials:
+        if ALPHA in wants and material.is_cutout and material.alpha_image is not None:
+            wanted.setdefault(material.alpha_image, material.name)
+        if BASE_COLOR in wants and material.base_color_image is not None:
+            wanted.setdefault(material.base_color_image, material.name)
+    loaded: dict[int, np.ndarray | None] = {}
+    textures = {}
+    for index, material_name in sorted(wanted.items()):
+        image, header = scan.image_sources[index], outline.images[index]
+        if image.session_uid not in loaded:
+            loaded[image.session_uid] = pixels_of(image)
+        pixels = loaded[image.session_uid]
+        if pixels is None:
+            warnings.append(f"material '{material_name}': image '{header.name}' cannot be read")
+            continue
+        texels, warning = channel_of(pixels, image, header.channel, outline.working_space)
+        textures[index] = texels
+        if warning:
+            warnings.append(f"material '{material_name}': {warning}")
+    return textures
+
+
+def _cutouts(outline: Outline, textures: dict[int, np.ndarray]) -> tuple[Cutout, ...]:
+    cutouts = []
+    for material in outline.materials:
+        texels = textures.get(material.alpha_image) if material.alpha_image is not None else None
+        # A cutout without its image is as its constant says.
+        cutouts.append(Cutout(material.alpha_threshold, material.alpha, texels))
+    return tuple(cutouts)

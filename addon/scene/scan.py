@@ -1,0 +1,269 @@
+"""From an evaluated depsgraph to the cheap header of the scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import bpy
+import numpy as np
+
+from ..core.errors import StrataError
+from ..core.outline import Bounds, Instance, Light, Material, Mesh, Outline
+from .cameras import camera_of, camera_warnings, frame_size_of, pixel_filter_of, region_of
+from .light_linking import linked_objects
+from .lights import light_of
+from .materials import Images, default_material, material_of
+from .transforms import is_usable, matrix_of
+
+# Types that would render but are not read; all others without a mesh (empties, armatures, ...) never render.
+_NOT_READ = {
+    "VOLUME": "volumes",
+    "CURVES": "hair curves",
+    "POINTCLOUD": "point clouds",
+    "GREASEPENCIL": "grease pencil",
+}
+
+
+@dataclass(frozen=True)
+class ScanOptions:
+    """`size` in pixels replaces the scene's; `camera` is an object's name and replaces the scene's camera."""
+
+    size: tuple[int, int] | None = None
+    camera: str | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """The outline, and Blender's data behind its meshes and images: to be extracted from before the depsgraph
+    changes, and not to be kept."""
+
+    outline: Outline
+    mesh_sources: tuple[bpy.types.Mesh, ...]
+    image_sources: tuple[bpy.types.Image, ...]
+
+
+def scan(depsgraph: bpy.types.Depsgraph, options: ScanOptions = ScanOptions()) -> Scan:
+    """Reads everything renderable. In render mode (see `render_depsgraph`) that is what F12 shows, in
+    viewport mode what the viewport shows. Raises StrataError where there is no usable camera."""
+    return _Scanner(depsgraph, options).run()
+
+
+@dataclass(eq=False)
+class _Scanner:
+    depsgraph: bpy.types.Depsgraph
+    options: ScanOptions
+    images: Images = field(default_factory=Images)
+    materials: list[Material] = field(default_factory=list)
+    material_indices: dict[int, int] = field(default_factory=dict)
+    meshes: list[Mesh] = field(default_factory=list)
+    mesh_sources: list[bpy.types.Mesh] = field(default_factory=list)
+    mesh_bounds: list[np.ndarray] = field(default_factory=list)
+    mesh_indices: dict[int, int] = field(default_factory=dict)
+    mesh_keys: dict[str, int] = field(default_factory=dict)
+    instances: list[dict] = field(default_factory=list)
+    matrices: list[np.ndarray] = field(default_factory=list)
+    objects: list[bpy.types.Object] = field(default_factory=list)
+    object_ids: dict[int, int] = field(default_factory=dict)
+    lights: list[Light] = field(default_factory=list)
+    light_objects: list[tuple[bpy.types.Object, bpy.types.Object]] = field(default_factory=list)
+    warnings: dict[str, None] = field(default_factory=dict)
+
+    def run(self) -> Scan:
+        scene = self.depsgraph.scene_eval
+        camera = self._camera_object(scene)
+        for instance in self.depsgraph.object_instances:
+            shown = instance.object
+            if shown.type == "MESH":
+                if instance.show_self:
+                    self._mesh(instance, shown)
+                self._note_hair(instance, shown)
+            elif shown.type == "LIGHT":
+                self._light(instance, shown)
+            elif shown.type in _NOT_READ:
+                self._warn(f"object '{shown.name}': {_NOT_READ[shown.type]} are not read")
+        for warning in camera_warnings(camera, scene.render):
+            self._warn(warning)
+        world = scene.world
+        if world is not None and world.node_tree is not None:
+            output = world.node_tree.get_output_node("CYCLES")
+            if output is not None and output.inputs["Volume"].is_linked:
+                self._warn(f"world '{world.name}': its volume is not read")
+        frame_size = self.options.size or frame_size_of(scene.render)
+        instances = self._finished_instances()
+        outline = Outline(
+            scene_name=scene.name,
+            view_layer_name=self.depsgraph.view_layer.name,
+            frame=scene.frame_current,
+            frame_size=frame_size,
+            camera=camera_of(camera),
+            lights=tuple(self._linked(light, *pair) for light, pair in self._lights_with_objects()),
+            instances=instances,
+            meshes=tuple(self.meshes),
+            materials=tuple(self.materials),
+            images=tuple(self.images.headers),
+            warnings=tuple(self.warnings),
+            pixel_aspect=(scene.render.pixel_aspect_x, scene.render.pixel_aspect_y),
+            region=region_of(scene.render, frame_size),
+            crop=scene.render.use_border and scene.render.use_crop_to_border,
+            pixel_filter=pixel_filter_of(self.depsgraph.scene),
+            working_space=bpy.data.colorspace.working_space,
+            seed=self.options.seed,
+        )
+        return Scan(outline, tuple(self.mesh_sources), tuple(self.images.sources))
+
+    def _warn(self, warning: str) -> None:
+        self.warnings[warning] = None
+
+    def _camera_object(self, scene: bpy.types.Scene) -> bpy.types.Object:
+        if self.options.camera is None:
+            camera = scene.camera
+            if camera is None:
+                raise StrataError(f"scene '{scene.name}' has no camera")
+        else:
+            camera = bpy.data.objects.get(self.options.camera)
+            if camera is None:
+                raise StrataError(f"there is no camera '{self.options.camera}'")
+        return camera.evaluated_get(self.depsgraph)
+
+    # Meshes
+
+    def _mesh(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> None:
+        mesh = shown.data
+        if not len(mesh.polygons):
+            return
+        matrix = matrix_of(instance.matrix_world)
+        if not is_usable(matrix):
+            self._warn(f"object '{shown.name}' is left out: its matrix is singular or not finite")
+            return
+        original = shown.original
+        owner = instance.parent if instance.is_instance else shown
+        view_layer = self.depsgraph.view_layer_eval
+        visible_camera = shown.visible_camera and owner.visible_camera
+        if owner.indirect_only_get(view_layer=view_layer):
+            visible_camera = False
+        self.instances.append(
+            {
+                "name": shown.name,
+                "mesh": self._mesh_index(shown, mesh),
+                "object_id": self.object_ids.setdefault(original.session_uid, len(self.object_ids)),
+                "materials": self._slot_materials(instance, shown, mesh),
+                "visible_camera": visible_camera,
+                "casts_shadow": shown.visible_shadow and owner.visible_shadow,
+                "is_holdout": shown.is_holdout or owner.holdout_get(view_layer=view_layer),
+                "is_shadow_catcher": shown.is_shadow_catcher or owner.is_shadow_catcher,
+            }
+        )
+        self.matrices.append(matrix)
+        self.objects.append(original)
+
+    def _mesh_index(self, shown: bpy.types.Object, mesh: bpy.types.Mesh) -> int:
+        pointer = mesh.as_pointer()
+        index = self.mesh_indices.get(pointer)
+        if index is not None:
+            return index
+        index = self.mesh_indices[pointer] = len(self.meshes)
+        # The same from one evaluation to the next, unlike pointers.
+        name = f"{shown.original.name_full}/{mesh.name_full}"
+        count = self.mesh_keys[name] = self.mesh_keys.get(name, 0) + 1
+        triangles = len(mesh.loops) - 2 * len(mesh.polygons)
+        self.meshes.append(Mesh(mesh.name, f"{name}#{count}", len(mesh.vertices), triangles))
+        self.mesh_sources.append(mesh)
+        box = np.array([corner[:] for corner in shown.bound_box], np.float64)
+        if not np.isfinite(box).all():
+            box = _finite_positions(mesh)
+        self.mesh_bounds.append(np.array([box.min(axis=0), box.max(axis=0)]))
+        return index
+
+    def _slot_materials(self, instance, shown: bpy.types.Object, mesh: bpy.types.Mesh) -> tuple[int, ...]:
+        """The mesh's, overridden by those that the object itself fills (BKE_object_material_get_eval)."""
+        used = list(mesh.materials)
+        source = instance.instance_object if instance.is_instance else shown
+        if source is not None and source.data is not None and source.data.as_pointer() == mesh.as_pointer():
+            for index, slot in enumerate(source.material_slots):
+                if slot.link == "OBJECT":
+                    used += [None] * (index + 1 - len(used))
+                    used[index] = slot.material
+        return tuple(self._material_index(material) for material in used or [None])
+
+    def _material_index(self, material: bpy.types.Material | None) -> int:
+        pointer = 0 if material is None else material.original.session_uid
+        index = self.material_indices.get(pointer)
+        if index is None:
+            index = self.material_indices[pointer] = len(self.materials)
+            read, warnings = (
+                (default_material(), []) if material is None else material_of(material, self.images)
+            )
+            self.materials.append(read)
+            for warning in warnings:
+                self._warn(warning)
+        return index
+
+    def _note_hair(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> None:
+        if instance.show_particles and any(
+            system.settings.type == "HAIR" and system.settings.render_type == "PATH"
+            for system in shown.particle_systems
+        ):
+            self._warn(f"object '{shown.name}': hair is not read")
+
+    def _finished_instances(self) -> tuple[Instance, ...]:
+        if not self.instances:
+            return ()
+        matrices = np.array(self.matrices)
+        boxes = np.array(self.mesh_bounds)[[fields["mesh"] for fields in self.instances]]
+        # The box of a transformed box (Arvo, Graphics Gems 1990), about its centre to keep digits far away.
+        centres = np.einsum("nij,nj->ni", matrices[:, :3, :3], boxes.mean(axis=1)) + matrices[:, :3, 3]
+        extents = np.einsum("nij,nj->ni", np.abs(matrices[:, :3, :3]), 0.5 * (boxes[:, 1] - boxes[:, 0]))
+        lows, highs = (centres - extents).tolist(), (centres + extents).tolist()
+        return tuple(
+            Instance(matrix=tuple(map(tuple, rows)), bounds=Bounds(tuple(low), tuple(high)), **fields)
+            for fields, rows, low, high in zip(self.instances, matrices.tolist(), lows, highs, strict=True)
+        )
+
+    # Lights
+
+    def _light(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> None:
+        name, key = shown.name, shown.original.name_full
+        parent = shown
+        if instance.is_instance:
+            parent = instance.parent
+            name = f"{name} {parent.name}"
+            key = f"{parent.original.name_full}/{key}#{'.'.join(map(str, _persistent_id(instance)))}"
+        light, warnings = light_of(shown.data, instance.matrix_world, name, key)
+        for warning in warnings:
+            self._warn(warning)
+        if light is not None:
+            self.lights.append(light)
+            self.light_objects.append((shown.original, parent.original))
+
+    def _lights_with_objects(self):
+        return zip(self.lights, self.light_objects, strict=True)
+
+    def _linked(self, light: Light, shown: bpy.types.Object, parent: bpy.types.Object) -> Light:
+        """With the instances that it lights and that shadow it; an instancer's linking wins over its own."""
+        receivers = linked_objects(
+            parent.light_linking.receiver_collection or shown.light_linking.receiver_collection
+        )
+        blockers = linked_objects(
+            parent.light_linking.blocker_collection or shown.light_linking.blocker_collection
+        )
+        # A light that diffuse surfaces do not see lights nothing that is baked.
+        lit = frozenset() if not shown.visible_diffuse else self._indices(receivers)
+        return replace(light, receivers=lit, casters=self._indices(blockers))
+
+    def _indices(self, linked) -> frozenset[int] | None:
+        if linked is None:
+            return None
+        return frozenset(i for i, source in enumerate(self.objects) if source in linked)
+
+
+def _persistent_id(instance: bpy.types.DepsgraphObjectInstance) -> list[int]:
+    return [number for number in instance.persistent_id if number != 2**31 - 1]
+
+
+def _finite_positions(mesh: bpy.types.Mesh) -> np.ndarray:
+    """(V, 3) float64, only the finite vertices; one at the origin where there is none."""
+    positions = np.empty((len(mesh.vertices), 3), np.float32)
+    mesh.attributes["position"].data.foreach_get("vector", positions.ravel())
+    finite = positions[np.isfinite(positions).all(axis=1)].astype(np.float64)
+    return finite if len(finite) else np.zeros((1, 3))
