@@ -6,6 +6,7 @@
 pub mod cancel;
 pub mod emitter;
 pub mod geometry;
+pub mod raster;
 pub mod triangulate;
 pub mod view;
 
@@ -15,5 +16,6 @@ use pyo3::prelude::*;
 fn strata_kernels(module: &Bound<'_, PyModule>) -> PyResult<()> {
     cancel::register(module)?;
     geometry::register(module)?;
+    raster::register(module)?;
     Ok(())
 }

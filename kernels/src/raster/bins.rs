@@ -1,0 +1,378 @@
+//! Sorting set-up triangles into tiles, in parallel and in a fixed order.
+
+use super::camera::{Camera, SUBPIXEL_BITS, SUBPIXELS};
+use super::setup::{Plane, Point, Polygon, Setup, Triangle};
+use super::simd::{Work, run_widest};
+use crate::cancel::CancelFlag;
+use crate::geometry::{Data, Instance};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Side of a tile in pixels. At four depths a texel, a tile is 64 KiB: it stays in the second-level cache.
+pub const TILE: usize = 64;
+
+/// Triangles set up by one task; fixed, so that the order of work never depends on the thread count.
+const CHUNK: usize = 8192;
+
+/// Marks an item of a bin as an index into the polygons.
+const POLYGON: u32 = 1 << 31;
+
+/// Triangles of one instance.
+struct Piece {
+    instance: usize,
+    triangles: Range<usize>,
+    /// Id of the instance's triangle 0.
+    first_id: u32,
+}
+
+/// What one task set up, sorted by tile.
+struct Chunk {
+    triangles: Vec<Triangle>,
+    polygons: Vec<Polygon>,
+    /// Items of tile `t` are `items[starts[t]..starts[t + 1]]`, in the order of their ids.
+    starts: Vec<u32>,
+    items: Vec<u32>,
+}
+
+/// The tiles that cover some whole-width rows of an image.
+#[derive(Clone, Copy)]
+pub struct Grid {
+    pub width: usize,
+    /// Image rows that are wanted.
+    pub y0: usize,
+    pub y1: usize,
+    pub columns: usize,
+    /// Tile rows are counted from the image's row 0, so that a pixel's blocks do not depend on `y0`.
+    pub first_row: usize,
+    pub rows: usize,
+}
+
+impl Grid {
+    pub fn new(width: usize, y0: usize, y1: usize) -> Self {
+        let first_row = y0 / TILE;
+        Grid {
+            width,
+            y0,
+            y1,
+            columns: width.div_ceil(TILE),
+            first_row,
+            rows: y1.div_ceil(TILE) - first_row,
+        }
+    }
+
+    pub fn count(&self) -> usize {
+        self.columns * self.rows
+    }
+
+    /// First pixel of a tile, in image coordinates.
+    pub fn origin(&self, tile: usize) -> [usize; 2] {
+        [
+            (tile % self.columns) * TILE,
+            (tile / self.columns + self.first_row) * TILE,
+        ]
+    }
+
+    /// Image columns and rows of a tile that are wanted.
+    pub fn extent(&self, tile: usize) -> (Range<usize>, Range<usize>) {
+        let [x, y] = self.origin(tile);
+        (
+            x..(x + TILE).min(self.width),
+            y.max(self.y0)..(y + TILE).min(self.y1),
+        )
+    }
+
+    /// First and last pixel whose centre lies in the bounding box; None where there is none.
+    #[inline(always)]
+    pub fn pixels(&self, points: &[Point]) -> Option<[[i32; 2]; 2]> {
+        let (mut low, mut high) = (points[0], points[0]);
+        for p in &points[1..] {
+            low = [low[0].min(p[0]), low[1].min(p[1])];
+            high = [high[0].max(p[0]), high[1].max(p[1])];
+        }
+        let first = |at: i32| (at + SUBPIXELS - 1) >> SUBPIXEL_BITS;
+        let x = [
+            first(low[0]).max(0),
+            (high[0] >> SUBPIXEL_BITS).min(self.width as i32 - 1),
+        ];
+        let y = [
+            first(low[1]).max(self.y0 as i32),
+            (high[1] >> SUBPIXEL_BITS).min(self.y1 as i32 - 1),
+        ];
+        (x[0] <= x[1] && y[0] <= y[1]).then_some([[x[0], y[0]], [x[1], y[1]]])
+    }
+}
+
+/// One edge's half plane over whole pixels: inside where `at + dx * x + dy * y >= 0`.
+///
+/// Pixel centres are 256 subpixels apart, so the exact edge function changes by multiples of 256 from
+/// pixel to pixel and can be divided by 256, rounding down, without moving its sign anywhere. The
+/// top-left rule is in `at`: a pixel centre on an edge belongs to the triangle on its right or below.
+#[derive(Clone, Copy, Default)]
+pub struct Edge<T> {
+    pub at: T,
+    pub dx: T,
+    pub dy: T,
+}
+
+impl Edge<i64> {
+    #[inline(always)]
+    pub fn between(a: Point, b: Point) -> Self {
+        let [ax, ay, bx, by] = [a[0], a[1], b[0], b[1]].map(i64::from);
+        let (x, y) = (bx - ax, by - ay);
+        let owns = y < 0 || (y == 0 && x < 0);
+        Edge {
+            at: (y * ax - x * ay - i64::from(!owns)) >> SUBPIXEL_BITS,
+            dx: -y,
+            dy: x,
+        }
+    }
+
+    #[inline(always)]
+    pub fn value(&self, x: i64, y: i64) -> i64 {
+        self.at + self.dx * x + self.dy * y
+    }
+
+    /// Largest value over a tile's pixels.
+    pub fn largest(&self, origin: [usize; 2]) -> i64 {
+        let reach = TILE as i64 - 1;
+        self.value(origin[0] as i64, origin[1] as i64) + (self.dx.max(0) + self.dy.max(0)) * reach
+    }
+
+    /// Smallest value over a tile's pixels.
+    pub fn smallest(&self, origin: [usize; 2]) -> i64 {
+        let reach = TILE as i64 - 1;
+        self.value(origin[0] as i64, origin[1] as i64) + (self.dx.min(0) + self.dy.min(0)) * reach
+    }
+}
+
+/// What a tile draws.
+pub enum Item<'a> {
+    Triangle(&'a Triangle),
+    Polygon(&'a Polygon),
+}
+
+pub struct Bins {
+    pub grid: Grid,
+    chunks: Vec<Chunk>,
+}
+
+impl Bins {
+    /// The items of a tile, in the order of their ids.
+    pub fn items(&self, tile: usize) -> impl Iterator<Item = Item<'_>> {
+        self.chunks.iter().flat_map(move |chunk| {
+            let range = chunk.starts[tile] as usize..chunk.starts[tile + 1] as usize;
+            chunk.items[range].iter().map(|&item| {
+                if item & POLYGON == 0 {
+                    Item::Triangle(&chunk.triangles[item as usize])
+                } else {
+                    Item::Polygon(&chunk.polygons[(item & !POLYGON) as usize])
+                }
+            })
+        })
+    }
+}
+
+/// Id of each instance's triangle 0, and the number of all triangles at the end.
+pub fn first_ids(data: &Data) -> PyResult<Vec<u32>> {
+    let mut total = 0usize;
+    let mut ids = Vec::with_capacity(data.instances.len() + 1);
+    for instance in &data.instances {
+        ids.push(total as u32);
+        total += data.meshes[instance.mesh].triangles.len();
+        if total >= u32::MAX as usize {
+            return Err(PyValueError::new_err(
+                "more than 4294967294 triangles over all instances",
+            ));
+        }
+    }
+    ids.push(total as u32);
+    Ok(ids)
+}
+
+/// Groups the triangles of the drawn instances into tasks of about [`CHUNK`].
+fn tasks(data: &Data, drawn: &[bool], ids: &[u32]) -> Vec<Vec<Piece>> {
+    let (mut tasks, mut pieces, mut filled) = (Vec::new(), Vec::new(), 0);
+    for (index, instance) in data.instances.iter().enumerate().filter(|(i, _)| drawn[*i]) {
+        let count = data.meshes[instance.mesh].triangles.len();
+        let mut start = 0;
+        while start < count {
+            let end = count.min(start + CHUNK - filled);
+            pieces.push(Piece {
+                instance: index,
+                triangles: start..end,
+                first_id: ids[index],
+            });
+            filled += end - start;
+            start = end;
+            if filled == CHUNK {
+                tasks.push(std::mem::take(&mut pieces));
+                filled = 0;
+            }
+        }
+    }
+    if !pieces.is_empty() {
+        tasks.push(pieces);
+    }
+    tasks
+}
+
+struct SetUpChunk<'a> {
+    data: &'a Data,
+    camera: &'a Camera,
+    grid: Grid,
+    pieces: &'a [Piece],
+}
+
+/// Whether a triangle is there, not there, or there where its alpha says so.
+#[derive(Clone, Copy, PartialEq)]
+enum Alpha {
+    Opaque,
+    Absent,
+    Tested,
+}
+
+fn alpha(data: &Data, instance: &Instance, slot: u32) -> Alpha {
+    let cutout = &data.cutouts[instance.material(slot) as usize];
+    if !cutout.is_uniform() {
+        Alpha::Tested
+    } else if cutout.is_opaque([0.0; 2]) {
+        Alpha::Opaque
+    } else {
+        Alpha::Absent
+    }
+}
+
+impl SetUpChunk<'_> {
+    /// Calls `emit` for every tile that the outline may touch.
+    #[inline(always)]
+    fn bin(&self, points: &[Point], item: u32, pairs: &mut Vec<(u32, u32)>) -> bool {
+        let Some([[x0, y0], [x1, y1]]) = self.grid.pixels(points) else {
+            return false;
+        };
+        let tile = |at: i32| at as usize / TILE;
+        let (tx0, tx1) = (tile(x0), tile(x1));
+        let (ty0, ty1) = (tile(y0) - self.grid.first_row, tile(y1) - self.grid.first_row);
+        let few = tx1 - tx0 <= 1 && ty1 - ty0 <= 1;
+        for ty in ty0..=ty1 {
+            for tx in tx0..=tx1 {
+                let tile = ty * self.grid.columns + tx;
+                if few || self.touches(points, tile) {
+                    pairs.push((tile as u32, item));
+                }
+            }
+        }
+        true
+    }
+
+    fn touches(&self, points: &[Point], tile: usize) -> bool {
+        let origin = self.grid.origin(tile);
+        (0..points.len())
+            .all(|i| Edge::between(points[i], points[(i + 1) % points.len()]).largest(origin) >= 0)
+    }
+}
+
+impl Work for SetUpChunk<'_> {
+    type Output = Chunk;
+
+    #[inline(always)]
+    fn run(self) -> Chunk {
+        let (mut triangles, mut polygons, mut pairs) = (Vec::new(), Vec::new(), Vec::new());
+        for piece in self.pieces {
+            let instance = &self.data.instances[piece.instance];
+            let mesh = &self.data.meshes[instance.mesh];
+            let to_view = self.camera.object_to_view(&instance.matrix);
+            let slots: Vec<Alpha> = (0..instance.slot_materials.len() as u32)
+                .map(|slot| alpha(self.data, instance, slot))
+                .collect();
+            let uniform =
+                (slots.iter().all(|&a| a == slots[0]) || mesh.triangle_slots.is_empty()).then_some(slots[0]);
+            if uniform == Some(Alpha::Absent) {
+                continue;
+            }
+            for index in piece.triangles.clone() {
+                let alpha = uniform.unwrap_or_else(|| {
+                    let slot = mesh.triangle_slots[index] as usize;
+                    slots[slot.min(slots.len() - 1)]
+                });
+                if alpha == Alpha::Absent {
+                    continue;
+                }
+                let id = piece.first_id + index as u32;
+                let corners = mesh.triangle_positions(index);
+                match self.camera.set_up(&to_view, corners, id, alpha == Alpha::Tested) {
+                    Setup::Nothing => {}
+                    Setup::Triangle(triangle) => {
+                        if self.bin(&triangle.points, triangles.len() as u32, &mut pairs) {
+                            triangles.push(triangle);
+                        }
+                    }
+                    Setup::Polygon(polygon) => {
+                        let item = polygons.len() as u32 | POLYGON;
+                        if self.bin(&polygon.points[..polygon.count], item, &mut pairs) {
+                            polygons.push(polygon);
+                        }
+                    }
+                }
+            }
+        }
+        let (starts, items) = sort_by_tile(&pairs, self.grid.count());
+        Chunk {
+            triangles,
+            polygons,
+            starts,
+            items,
+        }
+    }
+}
+
+/// A stable counting sort.
+fn sort_by_tile(pairs: &[(u32, u32)], tiles: usize) -> (Vec<u32>, Vec<u32>) {
+    let mut starts = vec![0u32; tiles + 1];
+    for &(tile, _) in pairs {
+        starts[tile as usize + 1] += 1;
+    }
+    for tile in 0..tiles {
+        starts[tile + 1] += starts[tile];
+    }
+    let (mut next, mut items) = (starts.clone(), vec![0; pairs.len()]);
+    for &(tile, item) in pairs {
+        let at = &mut next[tile as usize];
+        items[*at as usize] = item;
+        *at += 1;
+    }
+    (starts, items)
+}
+
+/// Sets up the triangles of the drawn instances and sorts them into the grid's tiles.
+pub fn bin_triangles(
+    data: &Data,
+    drawn: &[bool],
+    ids: &[u32],
+    camera: &Camera,
+    grid: Grid,
+    cancel: &CancelFlag,
+) -> PyResult<Bins> {
+    let chunks = tasks(data, drawn, ids)
+        .par_iter()
+        .map(|pieces| {
+            cancel.check()?;
+            Ok(run_widest(SetUpChunk {
+                data,
+                camera,
+                grid,
+                pieces,
+            }))
+        })
+        .collect::<PyResult<Vec<Chunk>>>()?;
+    Ok(Bins { grid, chunks })
+}
+
+/// A plane over a tile's own pixels.
+impl Plane {
+    #[inline(always)]
+    pub fn value(&self, x: usize, y: usize) -> f64 {
+        self.at + self.dx * x as f64 + self.dy * y as f64
+    }
+}

@@ -1,0 +1,148 @@
+//! Where in a triangle a pixel's ray lands, in double precision, and what is there.
+
+use super::camera::{Camera, Ray, Transform, Vec3, add, cross, dot, scale, sub};
+use crate::geometry::{Data, Instance, Mesh};
+
+/// A triangle ready to answer for pixels. World axes, relative to the eye.
+pub struct Locator<'a> {
+    pub instance_index: usize,
+    pub instance: &'a Instance,
+    pub mesh: &'a Mesh,
+    pub triangle: usize,
+    to_eye: Transform,
+    corners: [Vec3; 3],
+    sides: [Vec3; 2],
+}
+
+fn normalised(v: Vec3) -> Option<Vec3> {
+    let length = dot(v, v).sqrt();
+    (length.is_finite() && length > 0.0).then(|| scale(v, 1.0 / length))
+}
+
+impl<'a> Locator<'a> {
+    /// `id` counts triangles over all instances; `first_ids` holds each instance's first.
+    pub fn new(data: &'a Data, first_ids: &[u32], camera: &Camera, id: u32) -> Self {
+        let instance_index = first_ids.partition_point(|&first| first <= id) - 1;
+        let instance = &data.instances[instance_index];
+        let to_eye = camera.object_to_eye(&instance.matrix);
+        let mesh = data.meshes[instance.mesh].as_ref();
+        let triangle = (id - first_ids[instance_index]) as usize;
+        let corners = mesh.triangle_positions(triangle).map(|p| to_eye.point(p));
+        Locator {
+            instance_index,
+            instance,
+            mesh,
+            triangle,
+            to_eye,
+            corners,
+            sides: [sub(corners[1], corners[0]), sub(corners[2], corners[0])],
+        }
+    }
+
+    pub fn material(&self) -> u32 {
+        let slot = self.mesh.triangle_slots.get(self.triangle).copied().unwrap_or(0);
+        self.instance.material(slot)
+    }
+
+    /// Weights of the corners where the ray meets the triangle (Möller and Trumbore). A pixel that only
+    /// snapping put inside gets the nearest point of the outline: weights never leave the triangle.
+    pub fn weights(&self, camera: &Camera, ray: &Ray) -> Vec3 {
+        let [a, b] = self.sides;
+        let p = cross(ray.direction, b);
+        let inverse = 1.0 / dot(a, p);
+        let t = sub(ray.origin, self.corners[0]);
+        let u = dot(t, p) * inverse;
+        let v = dot(ray.direction, cross(t, a)) * inverse;
+        let weights = [1.0 - u - v, u, v];
+        if weights.iter().all(|&w| w >= 0.0 && w.is_finite()) {
+            weights
+        } else {
+            self.nearest_on_outline(camera, ray)
+        }
+    }
+
+    /// The point of the outline that the ray passes nearest to, as seen from the eye.
+    fn nearest_on_outline(&self, camera: &Camera, ray: &Ray) -> Vec3 {
+        let forward = camera.axes[2];
+        let across = |v: Vec3| {
+            let along = dot(v, ray.direction) / dot(ray.direction, ray.direction);
+            sub(v, scale(ray.direction, along))
+        };
+        let mut best = (f64::INFINITY, [1.0, 0.0, 0.0]);
+        for i in 0..3 {
+            let (j, start) = ((i + 1) % 3, sub(self.corners[i], ray.origin));
+            let side = sub(self.corners[j], self.corners[i]);
+            let (start_across, side_across) = (across(start), across(side));
+            let (depth, slope) = (dot(self.corners[i], forward), dot(side, forward));
+            let mut s = -dot(start_across, side_across) / dot(side_across, side_across);
+            s = if s.is_finite() { s.clamp(0.0, 1.0) } else { 0.0 };
+            if depth + s * slope < camera.near && slope != 0.0 {
+                s = ((camera.near - depth) / slope).clamp(0.0, 1.0);
+            }
+            let off = add(start_across, scale(side_across, s));
+            let away = if camera.orthographic {
+                1.0
+            } else {
+                depth + s * slope
+            };
+            let distance = dot(off, off) / (away * away);
+            if away > 0.0 && distance < best.0 {
+                let mut weights = [0.0; 3];
+                weights[i] = 1.0 - s;
+                weights[j] = s;
+                best = (distance, weights);
+            }
+        }
+        best.1
+    }
+
+    /// Position relative to the eye, world axes.
+    pub fn position(&self, weights: Vec3) -> Vec3 {
+        let [_, u, v] = weights;
+        add(
+            self.corners[0],
+            add(scale(self.sides[0], u), scale(self.sides[1], v)),
+        )
+    }
+
+    pub fn uv(&self, weights: Vec3) -> [f32; 2] {
+        if self.mesh.corner_uvs.is_empty() {
+            return [0.0; 2];
+        }
+        let corners = self.mesh.triangles[self.triangle].map(|c| self.mesh.corner_uvs[c as usize]);
+        std::array::from_fn(|k| (0..3).map(|i| f64::from(corners[i][k]) * weights[i]).sum::<f64>() as f32)
+    }
+
+    /// Unit normals, geometric and shading, in world axes. The geometric one faces the viewer, and the
+    /// shading one is turned with it.
+    pub fn normals(&self, ray: &Ray, weights: Vec3) -> [Vec3; 2] {
+        // A mirroring matrix turns the winding round, but not the side that is outside.
+        let mirrored = if self.to_eye.is_mirrored() { -1.0 } else { 1.0 };
+        let outward = normalised(scale(self.winding_normal(), mirrored))
+            .or_else(|| normalised(scale(ray.direction, -1.0)))
+            .unwrap_or([0.0, 0.0, 1.0]);
+        let turn = if dot(outward, ray.direction) > 0.0 {
+            -1.0
+        } else {
+            1.0
+        };
+        let geometric = scale(outward, turn);
+        if self.mesh.corner_normals.is_empty() {
+            return [geometric, geometric];
+        }
+        let corners = self.mesh.triangles[self.triangle].map(|c| self.mesh.corner_normals[c as usize]);
+        let local: Vec3 =
+            std::array::from_fn(|k| (0..3).map(|i| f64::from(corners[i][k]) * weights[i]).sum::<f64>());
+        let shading = normalised(scale(self.to_eye.normal(local), mirrored * turn)).unwrap_or(geometric);
+        [geometric, shading]
+    }
+
+    /// Cross product of the sides, from the object-space ones: no digits are lost far from the eye.
+    fn winding_normal(&self) -> Vec3 {
+        let [a, b, c] = self
+            .mesh
+            .triangle_positions(self.triangle)
+            .map(|p| p.map(f64::from));
+        self.to_eye.normal(cross(sub(b, a), sub(c, a)))
+    }
+}

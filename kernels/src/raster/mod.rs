@@ -1,0 +1,212 @@
+//! The tiled rasteriser: the surface a view sees, and the nearest depths behind every texel of a light's map.
+//!
+//! Triangles are set up in parallel, sorted into tiles, and each tile is drawn by one task, in the order
+//! of the triangles' ids. Row 0 is the bottom row.
+
+mod alpha;
+mod bins;
+mod camera;
+mod clip;
+mod hit;
+mod layers;
+mod pyramid;
+mod setup;
+mod simd;
+mod surface;
+mod tile;
+
+use crate::cancel::CancelFlag;
+use crate::geometry::{Data, Geometry};
+use crate::view::View;
+use alpha::AlphaTest;
+use bins::{Bins, Grid, bin_triangles, first_ids};
+use camera::Camera;
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
+use surface::Images;
+
+/// Which instances to draw: (instance_count,) bool or uint8.
+fn drawn(mask: &Bound<'_, PyAny>, data: &Data) -> PyResult<Vec<bool>> {
+    let drawn: Vec<bool> = if let Ok(mask) = mask.extract::<PyReadonlyArray1<'_, bool>>() {
+        mask.as_array().to_vec()
+    } else if let Ok(mask) = mask.extract::<PyReadonlyArray1<'_, u8>>() {
+        mask.as_array().iter().map(|&m| m != 0).collect()
+    } else {
+        return Err(PyValueError::new_err(
+            "the instances to draw are a bool or uint8 array",
+        ));
+    };
+    if drawn.len() != data.instances.len() {
+        return Err(PyValueError::new_err(format!(
+            "{} instances, but {} marks of what to draw",
+            data.instances.len(),
+            drawn.len()
+        )));
+    }
+    Ok(drawn)
+}
+
+fn flag(cancel: Option<PyRef<'_, CancelFlag>>) -> CancelFlag {
+    cancel.map_or_else(CancelFlag::new, |flag| flag.clone())
+}
+
+/// The surface that `view` sees, in rows `rows[0]..rows[1]` of a `width` x `height` image; row 0 is the bottom row.
+///
+/// `visible` (instance_count,) bool or uint8; `view` (19,) f64, as `View.packed()`; `jitter` moves the
+/// pixel centres, in pixels. Returns a dict of the `attributes` asked for, h = rows[1] - rows[0]:
+/// `position` (h, width, 3) f32 metres relative to the eye in world axes, on the triangle; `geometric_normal`
+/// (h, width, 3) f32, unit, facing the viewer; `shading_normal` (h, width, 3) f32, unit, turned with the geometric
+/// one; `depth` (h, width) f32 metres along forward, inf where nothing is; `uv` (h, width, 2) f32;
+/// `object_id`, `instance`, `triangle` (of the instance's mesh), `material` (h, width) i32, -1 where nothing is.
+/// What else is nothing is 0. Raises ValueError on bad input, Cancelled when `cancel` is set.
+#[pyfunction]
+#[pyo3(signature = (geometry, visible, view, width, height, rows=None, jitter=(0.0, 0.0), attributes=Vec::new(), cancel=None))]
+fn raster_surface<'py>(
+    py: Python<'py>,
+    geometry: PyRef<'py, Geometry>,
+    visible: &Bound<'py, PyAny>,
+    view: PyReadonlyArray1<'py, f64>,
+    width: usize,
+    height: usize,
+    rows: Option<(usize, usize)>,
+    jitter: (f64, f64),
+    attributes: Vec<String>,
+    cancel: Option<PyRef<'py, CancelFlag>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let data = geometry.data();
+    let drawn = drawn(visible, &data)?;
+    let camera = Camera::new(
+        &View::from_packed(view.as_slice()?)?,
+        width,
+        height,
+        [jitter.0, jitter.1],
+    )?;
+    let (y0, y1) = rows.unwrap_or((0, height));
+    if y0 >= y1 || y1 > height {
+        return Err(PyValueError::new_err(format!(
+            "rows {y0} to {y1} are not rows of {height}"
+        )));
+    }
+    let count = (y1 - y0) * width;
+    let mut images = Images::default();
+    for name in &attributes {
+        match name.as_str() {
+            "position" => images.position = Some(vec![[0.0; 3]; count]),
+            "geometric_normal" => images.geometric_normal = Some(vec![[0.0; 3]; count]),
+            "shading_normal" => images.shading_normal = Some(vec![[0.0; 3]; count]),
+            "depth" => images.depth = Some(vec![0.0; count]),
+            "uv" => images.uv = Some(vec![[0.0; 2]; count]),
+            "object_id" => images.object_id = Some(vec![0; count]),
+            "instance" => images.instance = Some(vec![0; count]),
+            "triangle" => images.triangle = Some(vec![0; count]),
+            "material" => images.material = Some(vec![0; count]),
+            other => {
+                return Err(PyValueError::new_err(format!(
+                    "a surface has no attribute '{other}'"
+                )));
+            }
+        }
+    }
+    let cancel = flag(cancel);
+    drop(geometry);
+    py.detach(|| {
+        let ids = first_ids(&data)?;
+        let bins = bin_triangles(&data, &drawn, &ids, &camera, Grid::new(width, y0, y1), &cancel)?;
+        let alpha = AlphaTest {
+            data: &data,
+            first_ids: &ids,
+            camera: &camera,
+        };
+        surface::surface(&bins, &alpha, &mut images, &cancel)
+    })?;
+    let result = PyDict::new(py);
+    let h = y1 - y0;
+    macro_rules! give {
+        ($field:ident, $flatten:expr, $shape:expr) => {
+            if let Some(image) = images.$field {
+                let array = PyArray1::from_vec(py, $flatten(image)).reshape($shape)?;
+                result.set_item(stringify!($field), array)?;
+            }
+        };
+    }
+    give!(position, Vec::into_flattened, [h, width, 3]);
+    give!(geometric_normal, Vec::into_flattened, [h, width, 3]);
+    give!(shading_normal, Vec::into_flattened, [h, width, 3]);
+    give!(uv, Vec::into_flattened, [h, width, 2]);
+    give!(depth, std::convert::identity, [h, width]);
+    give!(object_id, std::convert::identity, [h, width]);
+    give!(instance, std::convert::identity, [h, width]);
+    give!(triangle, std::convert::identity, [h, width]);
+    give!(material, std::convert::identity, [h, width]);
+    Ok(result)
+}
+
+/// The `layers` (1 to 16) nearest depths along forward of every texel, (layers, height, width) f32, ascending, inf
+/// where there are no more. Coplanar duplicates are all kept; an edge between two triangles is one depth.
+///
+/// `casters` (instance_count,) bool or uint8; `view` (19,) f64, as `View.packed()`. Both sides of a triangle
+/// count. Raises ValueError on bad input, Cancelled when `cancel` is set.
+#[pyfunction]
+#[pyo3(signature = (geometry, casters, view, layers, width, height, cancel=None))]
+fn layered_depth<'py>(
+    py: Python<'py>,
+    geometry: PyRef<'py, Geometry>,
+    casters: &Bound<'py, PyAny>,
+    view: PyReadonlyArray1<'py, f64>,
+    layers: usize,
+    width: usize,
+    height: usize,
+    cancel: Option<PyRef<'py, CancelFlag>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    if layers == 0 || layers > layers::MAX_LAYERS {
+        return Err(PyValueError::new_err(format!(
+            "a layered depth map has 1 to {} layers, not {layers}",
+            layers::MAX_LAYERS
+        )));
+    }
+    let data = geometry.data();
+    let drawn = drawn(casters, &data)?;
+    let camera = Camera::new(&View::from_packed(view.as_slice()?)?, width, height, [0.0; 2])?;
+    let cancel = flag(cancel);
+    drop(geometry);
+    let image = py.detach(|| {
+        let ids = first_ids(&data)?;
+        let bins: Bins = bin_triangles(&data, &drawn, &ids, &camera, Grid::new(width, 0, height), &cancel)?;
+        let alpha = AlphaTest {
+            data: &data,
+            first_ids: &ids,
+            camera: &camera,
+        };
+        layers::layered_depth(&bins, &alpha, camera.orthographic, layers, height, &cancel)
+    })?;
+    Ok(PyArray1::from_vec(py, image)
+        .reshape([layers, height, width])?
+        .into_any())
+}
+
+/// The minimum pyramid of a depth map, (h, w) f32: a list whose item i is level i, of size ceil(h / 2^i) x
+/// ceil(w / 2^i). Item 0 is `depth` itself, each texel above the minimum of the up to four below it, the last
+/// level one texel. Texel (x, y) of level i covers texels (x << i, y << i) on. Raises ValueError on an empty map.
+#[pyfunction]
+fn min_pyramid<'py>(py: Python<'py>, depth: PyReadonlyArray2<'py, f32>) -> PyResult<Bound<'py, PyList>> {
+    let [height, width] = [depth.shape()[0], depth.shape()[1]];
+    if width == 0 || height == 0 {
+        return Err(PyValueError::new_err("an empty map has no pyramid"));
+    }
+    let map = depth.as_slice()?;
+    let levels = py.detach(|| pyramid::min_pyramid(width, height, map));
+    let list = PyList::empty(py);
+    list.append(&*depth)?;
+    for (width, height, values) in levels {
+        list.append(PyArray1::from_vec(py, values).reshape([height, width])?)?;
+    }
+    Ok(list)
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(raster_surface, module)?)?;
+    module.add_function(wrap_pyfunction!(layered_depth, module)?)?;
+    module.add_function(wrap_pyfunction!(min_pyramid, module)?)
+}

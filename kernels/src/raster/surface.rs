@@ -1,0 +1,215 @@
+//! The surface that a view sees: a visibility buffer first, then only the attributes asked for.
+
+use super::alpha::AlphaTest;
+use super::bins::{Bins, TILE};
+use super::camera::{Camera, dot};
+use super::hit::Locator;
+use super::simd::{Work, run_widest};
+use super::tile::{BLOCKS, Depths, LANES, Sink, block_and_lane, draw_tile};
+use crate::cancel::CancelFlag;
+use pyo3::prelude::*;
+use rayon::prelude::*;
+
+/// No triangle.
+const NOTHING: u32 = u32::MAX;
+
+/// Nearest triangle of each pixel. Items come in the order of their ids and only a smaller depth
+/// replaces, so that equal depths go to the lowest (instance, triangle).
+struct Visibility {
+    depths: Vec<Depths>,
+    ids: Vec<[u32; LANES]>,
+}
+
+impl Sink for Visibility {
+    #[inline(always)]
+    fn wants(&self, block: usize, depths: &Depths) -> bool {
+        let kept = &self.depths[block];
+        let mut wanted = 0u32;
+        for l in 0..LANES {
+            wanted |= u32::from(depths[l] < kept[l]);
+        }
+        wanted != 0
+    }
+
+    #[inline(always)]
+    fn keep(&mut self, block: usize, depths: &Depths, id: u32) {
+        let (kept, ids) = (&mut self.depths[block], &mut self.ids[block]);
+        for l in 0..LANES {
+            let nearer = depths[l] < kept[l];
+            kept[l] = if nearer { depths[l] } else { kept[l] };
+            ids[l] = if nearer { id } else { ids[l] };
+        }
+    }
+}
+
+struct DrawTile<'a> {
+    bins: &'a Bins,
+    alpha: &'a AlphaTest<'a>,
+    tile: usize,
+}
+
+impl Work for DrawTile<'_> {
+    type Output = Vec<[u32; LANES]>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let mut sink = Visibility {
+            depths: vec![[f32::INFINITY; LANES]; BLOCKS],
+            ids: vec![[NOTHING; LANES]; BLOCKS],
+        };
+        draw_tile(
+            self.bins,
+            self.tile,
+            self.alpha,
+            self.alpha.camera.orthographic,
+            &mut sink,
+        );
+        sink.ids
+    }
+}
+
+/// Arrays to fill, row-major over the wanted rows; None is not wanted and costs nothing.
+#[derive(Default)]
+pub struct Attributes<T3, T2, T1, I> {
+    pub position: Option<T3>,
+    pub geometric_normal: Option<T3>,
+    pub shading_normal: Option<T3>,
+    pub uv: Option<T2>,
+    pub depth: Option<T1>,
+    pub object_id: Option<I>,
+    pub instance: Option<I>,
+    pub triangle: Option<I>,
+    pub material: Option<I>,
+}
+
+pub type Images = Attributes<Vec<[f32; 3]>, Vec<[f32; 2]>, Vec<f32>, Vec<i32>>;
+type Row<'a> = Attributes<&'a mut [[f32; 3]], &'a mut [[f32; 2]], &'a mut [f32], &'a mut [i32]>;
+
+/// One tile's part of every row.
+fn split<'a>(images: &'a mut Images, bins: &Bins) -> Vec<Vec<Row<'a>>> {
+    let grid = bins.grid;
+    let mut tiles: Vec<Vec<Row>> = Vec::new();
+    for tile in 0..grid.count() {
+        let (_, rows) = grid.extent(tile);
+        let mut parts = Vec::new();
+        parts.resize_with(rows.len(), Row::default);
+        tiles.push(parts);
+    }
+    macro_rules! deal {
+        ($($field:ident),*) => {$(
+            if let Some(image) = &mut images.$field {
+                for (index, row) in image.chunks_mut(grid.width).enumerate() {
+                    let y = grid.y0 + index;
+                    let tile_row = y / TILE - grid.first_row;
+                    let inside = y - (y / TILE * TILE).max(grid.y0);
+                    for (column, part) in row.chunks_mut(TILE).enumerate() {
+                        tiles[tile_row * grid.columns + column][inside].$field = Some(part);
+                    }
+                }
+            }
+        )*};
+    }
+    deal!(
+        position,
+        geometric_normal,
+        shading_normal,
+        uv,
+        depth,
+        object_id,
+        instance,
+        triangle,
+        material
+    );
+    tiles
+}
+
+fn to_f32(v: [f64; 3]) -> [f32; 3] {
+    v.map(|x| x as f32)
+}
+
+/// Writes a pixel's attributes. `Images` start zeroed, so only what differs from zero is written where nothing is seen.
+fn shade(row: &mut Row, x: usize, camera: &Camera, pixel: [usize; 2], hit: Option<&Locator>) {
+    let Some(hit) = hit else {
+        if let Some(depth) = &mut row.depth {
+            depth[x] = f32::INFINITY;
+        }
+        for ids in [
+            &mut row.object_id,
+            &mut row.instance,
+            &mut row.triangle,
+            &mut row.material,
+        ] {
+            if let Some(ids) = ids {
+                ids[x] = -1;
+            }
+        }
+        return;
+    };
+    if let Some(ids) = &mut row.object_id {
+        ids[x] = hit.instance.object_id;
+    }
+    if let Some(ids) = &mut row.instance {
+        ids[x] = hit.instance_index as i32;
+    }
+    if let Some(ids) = &mut row.triangle {
+        ids[x] = hit.triangle as i32;
+    }
+    if let Some(ids) = &mut row.material {
+        ids[x] = hit.material() as i32;
+    }
+    let normals = row.geometric_normal.is_some() || row.shading_normal.is_some();
+    if row.position.is_none() && row.depth.is_none() && row.uv.is_none() && !normals {
+        return;
+    }
+    let ray = camera.ray(pixel[0], pixel[1]);
+    let weights = hit.weights(camera, &ray);
+    let position = hit.position(weights);
+    if let Some(positions) = &mut row.position {
+        positions[x] = to_f32(position);
+    }
+    if let Some(depth) = &mut row.depth {
+        depth[x] = dot(position, camera.axes[2]) as f32;
+    }
+    if let Some(uv) = &mut row.uv {
+        uv[x] = hit.uv(weights);
+    }
+    if normals {
+        let [geometric, shading] = hit.normals(&ray, weights);
+        if let Some(normals) = &mut row.geometric_normal {
+            normals[x] = to_f32(geometric);
+        }
+        if let Some(normals) = &mut row.shading_normal {
+            normals[x] = to_f32(shading);
+        }
+    }
+}
+
+/// Fills the wanted attributes of the grid's rows.
+pub fn surface(bins: &Bins, alpha: &AlphaTest, images: &mut Images, cancel: &CancelFlag) -> PyResult<()> {
+    let (grid, camera) = (bins.grid, alpha.camera);
+    let tiles = split(images, bins);
+    tiles
+        .into_par_iter()
+        .enumerate()
+        .try_for_each(|(tile, mut parts)| {
+            cancel.check()?;
+            let ids = run_widest(DrawTile { bins, alpha, tile });
+            let (origin, (columns, rows)) = (grid.origin(tile), grid.extent(tile));
+            let mut last: Option<(u32, Locator)> = None;
+            for (row, y) in parts.iter_mut().zip(rows) {
+                for x in columns.clone() {
+                    let (block, lane) = block_and_lane(x - origin[0], y - origin[1]);
+                    let id = ids[block][lane];
+                    if id != NOTHING && last.as_ref().is_none_or(|(shown, _)| *shown != id) {
+                        last = Some((id, Locator::new(alpha.data, alpha.first_ids, camera, id)));
+                    }
+                    let hit = last
+                        .as_ref()
+                        .filter(|_| id != NOTHING)
+                        .map(|(_, locator)| locator);
+                    shade(row, x - origin[0], camera, [x, y], hit);
+                }
+            }
+            Ok::<(), PyErr>(())
+        })
+}
