@@ -68,7 +68,7 @@ fn doubled_area(points: &[Point]) -> i64 {
 
 impl Camera {
     #[inline(always)]
-    fn to_image(&self, p: Vec3) -> Point {
+    fn project(&self, p: Vec3) -> Point {
         let inverse = if self.orthographic { 1.0 } else { 1.0 / p[2] };
         let at = |i: usize| snap(p[i] * inverse * self.to_subpixels[i] + self.offset[i]);
         [at(0), at(1)]
@@ -147,7 +147,7 @@ impl Camera {
         if inside && !alpha_tested {
             let nearest = depths[0].min(depths[1]).min(depths[2]) as f32;
             let farthest = depths[0].max(depths[1]).max(depths[2]) as f32;
-            let mut points = p.map(|v| self.to_image(v));
+            let mut points = p.map(|v| self.project(v));
             let area = doubled_area(&points);
             if area == 0 {
                 return Setup::Nothing;
@@ -175,7 +175,7 @@ impl Camera {
         for &v in clipped.corners() {
             nearest = nearest.min(v[2] as f32);
             farthest = farthest.max(v[2] as f32);
-            let point = self.to_image(v);
+            let point = self.project(v);
             if !self.is_in_range(point) {
                 return Setup::Nothing; // overflow on the way here
             }

@@ -133,15 +133,14 @@ fn shade(row: &mut Row, x: usize, camera: &Camera, pixel: [usize; 2], hit: Optio
         if let Some(depth) = &mut row.depth {
             depth[x] = f32::INFINITY;
         }
-        for ids in [
+        let ids = [
             &mut row.object_id,
             &mut row.instance,
             &mut row.triangle,
             &mut row.material,
-        ] {
-            if let Some(ids) = ids {
-                ids[x] = -1;
-            }
+        ];
+        for ids in ids.into_iter().flatten() {
+            ids[x] = -1;
         }
         return;
     };
