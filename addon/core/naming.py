@@ -10,10 +10,12 @@ HASH_DIGITS = 6
 
 
 def layer_name(title: str, light: str = "", taken: Iterable[str] = ()) -> str:
-    """`title light` without dots (Blender groups channels by the last two), at most 63 bytes of UTF-8;
-    a hash of the light's name is added on truncation or where the name is taken."""
+    """`title light` without dots (Blender groups channels by the last two) or a hyphen at the end (its reader
+    drops that), at most 63 bytes of UTF-8; a hash of the light's name is added on truncation or where the
+    name is taken."""
     full = f"{title} {light}".strip()
     safe = "".join("_" if c == "." or not c.isprintable() else c for c in full)
+    safe = safe[:-1] + "_" if safe.endswith("-") else safe
     taken = set(taken)
     if len(safe.encode()) <= LONGEST and safe not in taken:
         return safe

@@ -1,0 +1,70 @@
+"""What a bake makes: named images with their cost and their error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+COLOUR_CHANNELS = ("RGB", "RGBA")
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """One image.
+
+    `channels` names them in order, one letter each ("V", "RGBA", "XYZ"). `pixels` is float32, C-contiguous,
+    (height, width) for one channel and (height, width, channels) for more; row 0 is the bottom row.
+    `light` is the light's own name, `light_index` its place in Outline.lights (None where there is no one
+    light). `error` is the report's entry for this layer, `settings` the effect's parameters as plain values.
+    """
+
+    name: str
+    channels: str
+    pixels: np.ndarray
+    effect: str
+    light: str = ""
+    light_index: int | None = None
+    seconds: float = 0.0
+    error: dict[str, Any] = field(default_factory=dict)
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self):
+        depth = () if len(self.channels) == 1 else (len(self.channels),)
+        if self.pixels.dtype != np.float32 or self.pixels.ndim < 2 or self.pixels.shape[2:] != depth:
+            raise ValueError(
+                f"layer '{self.name}': {self.pixels.dtype} {self.pixels.shape} is not float32 {self.channels}"
+            )
+
+    @property
+    def is_colour(self) -> bool:
+        """Whether the numbers are light in the working space; if not, they are data that no colour
+        management may touch."""
+        return self.channels in COLOUR_CHANNELS
+
+    def planes(self) -> Iterator[tuple[str, np.ndarray]]:
+        """Each channel's letter and its (height, width) view."""
+        pixels = self.pixels if self.pixels.ndim == 3 else self.pixels[:, :, None]
+        for index, letter in enumerate(self.channels):
+            yield letter, pixels[:, :, index]
+
+
+@dataclass(frozen=True, eq=False)
+class LayerSet:
+    """All layers of one bake, of one size. `working_space` is the scene's ("Linear Rec.709", ...), `report`
+    what `--report` writes; `pixel_aspect` is a pixel's width over its height."""
+
+    layers: tuple[Layer, ...]
+    width: int
+    height: int
+    view_layer: str
+    working_space: str = "Linear Rec.709"
+    report: dict[str, Any] = field(default_factory=dict)
+    pixel_aspect: float = 1.0
+
+    def __post_init__(self):
+        for layer in self.layers:
+            if layer.pixels.shape[:2] != (self.height, self.width):
+                raise ValueError(f"layer '{layer.name}' is not {self.width} x {self.height}")

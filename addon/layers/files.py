@@ -1,0 +1,61 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from ..core.errors import StrataError
+
+
+def check_writable(path: str | Path) -> None:
+    """Raises StrataError where `replaced` would surely fail: asked before the work, not after it."""
+    path = Path(os.path.realpath(path))
+    folder = path.parent
+    if not folder.is_dir():
+        raise StrataError(f"cannot write {path}: the folder {folder} does not exist")
+    if path.is_dir():
+        raise StrataError(f"cannot write {path}: it is a folder")
+    if path.exists() and not path.is_file():
+        raise StrataError(f"cannot write {path}: it is not a regular file")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise StrataError(f"cannot write {path}: the folder {folder} is not writable")
+
+
+@contextmanager
+def replaced(path: str | Path) -> Iterator[BinaryIO]:
+    """A binary stream whose bytes become `path` when the block ends well; otherwise nothing changes.
+
+    Written beside the target (so that the rename stays on one file system), synced, then renamed over it.
+    Raises StrataError where the disk does not play along; any other exception, an interrupt too, passes
+    through after the unfinished file is removed.
+    """
+    check_writable(path)
+    path = Path(os.path.realpath(path))  # a symbolic link keeps pointing, its target is replaced
+    unfinished = path.with_name(f".strata-{secrets.token_hex(6)}.part")
+    try:
+        with open(unfinished, "xb") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(unfinished, path)
+    except OSError as error:
+        raise StrataError(f"cannot write {path}: {error.strerror or error}") from None
+    finally:
+        with suppress(OSError):
+            unfinished.unlink()
+    _sync_folder(path.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Makes the rename itself outlast a power cut; Windows cannot open folders, and needs no such thing."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

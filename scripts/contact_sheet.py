@@ -1,0 +1,146 @@
+"""A picture of a bake for a person: the shadows on a simple lit image, then every layer with its figures.
+
+Only for developers' demos (needs Pillow, which Blender does not carry); the extension does not ship it.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageColor, ImageDraw, ImageFont
+from strata.addon.core.layers import Layer, LayerSet
+
+WIDTH, MARGIN, GAP, COLUMNS = 1600, 48, 28, 3
+BACKGROUND, PANEL, TEXT, QUIET, ACCENT = "#15171c", "#1d2027", "#eceef2", "#9aa3b2", "#f2b261"
+REC709_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+AMBIENT = 0.07  # share of the unshadowed light that still reaches a shadow: stands in for bounces
+
+
+@cache
+def _font(size: int, weight: str = "Regular") -> ImageFont.FreeTypeFont:
+    """Blender's own interface font: it knows every script that a light's name may be written in."""
+    folder = Path(find_spec("bpy").origin).parent
+    font = ImageFont.truetype(next(folder.glob("*/datafiles/fonts/Inter.woff2")), size)
+    font.set_variation_by_name(weight)
+    return font
+
+
+def composite(layers: tuple[Layer, ...], lit: dict[str, np.ndarray]) -> np.ndarray:
+    """Linear (height, width, 3): each light's unshadowed diffuse radiance times its shadow layer."""
+    shadows = {layer.light: layer.pixels for layer in layers if layer.channels == "V" and layer.light}
+    total = np.zeros(next(iter(lit.values())).shape, np.float32)
+    for light, radiance in lit.items():
+        visible = shadows[light][:, :, None] if light in shadows else 1.0
+        total += radiance * (visible * (1.0 - AMBIENT) + AMBIENT)
+    return total
+
+
+def developed(linear: np.ndarray) -> np.ndarray:
+    """Scene-linear to 8-bit sRGB: exposed for the bright surfaces, highlights rolled off (Reinhard et al.
+    2002, eq. 4, on luminance so that hues stay). Pixels without light take the sheet's panel colour."""
+    linear = np.nan_to_num(linear.astype(np.float64))
+    luminance = linear @ REC709_LUMINANCE
+    surfaces = luminance[luminance > 0]
+    panel = np.array(ImageColor.getrgb(PANEL), np.uint8)
+    if not len(surfaces):
+        return np.broadcast_to(panel, linear.shape)
+    exposed = luminance * (1.1 / np.percentile(surfaces, 90))
+    white = float(exposed.max())
+    rolled = exposed * (1.0 + exposed / white**2) / (1.0 + exposed)
+    scale = np.divide(rolled, luminance, out=np.zeros_like(luminance), where=luminance > 0)
+    return np.where(luminance[:, :, None] > 0, srgb(linear * scale[:, :, None]), panel)
+
+
+def srgb(linear: np.ndarray) -> np.ndarray:
+    """IEC 61966-2-1's transfer function, to uint8."""
+    linear = np.clip(np.nan_to_num(linear), 0.0, 1.0)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.round(encoded * 255.0).astype(np.uint8)
+
+
+def as_picture(layer: Layer) -> Image.Image:
+    """A layer as a person should see it; top row first."""
+    if layer.pixels.ndim == 2:
+        values = np.repeat(layer.pixels[:, :, None], 3, axis=2)
+    else:
+        values = layer.pixels[:, :, :3]
+    return Image.fromarray(np.ascontiguousarray((developed if layer.is_colour else srgb)(values)[::-1]))
+
+
+def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[str, np.ndarray]) -> None:
+    """Writes the sheet as PNG. `lit`: each light's unshadowed diffuse radiance, (height, width, 3) linear."""
+    hero = Image.fromarray(np.ascontiguousarray(developed(composite(layer_set.layers, lit))[::-1]))
+    aspect = layer_set.height / layer_set.width
+    hero_size = (WIDTH - 2 * MARGIN, round((WIDTH - 2 * MARGIN) * aspect))
+    tile_width = (WIDTH - 2 * MARGIN - (COLUMNS - 1) * GAP) // COLUMNS
+    tile_size = (tile_width, round(tile_width * aspect))
+    caption = 96
+    rows = -(-len(layer_set.layers) // COLUMNS)
+    notes = _notes(layer_set.report)
+    grid_top = 132 + hero_size[1] + GAP
+    notes_top = grid_top + rows * (tile_size[1] + caption + GAP)
+    sheet = Image.new("RGB", (WIDTH, notes_top + 30 * len(notes) + MARGIN), BACKGROUND)
+    draw = ImageDraw.Draw(sheet)
+
+    draw.text((MARGIN, 34), "Strata", TEXT, _font(44, "SemiBold"))
+    draw.text((MARGIN, 92), _subtitle(layer_set), QUIET, _font(20))
+    sheet.paste(hero.resize(hero_size, Image.Resampling.LANCZOS), (MARGIN, 132))
+    for index, layer in enumerate(layer_set.layers):
+        x = MARGIN + (index % COLUMNS) * (tile_width + GAP)
+        y = grid_top + (index // COLUMNS) * (tile_size[1] + caption + GAP)
+        _draw_tile(sheet, draw, layer, (x, y), tile_size, caption)
+    for index, note in enumerate(notes):
+        draw.text((MARGIN, notes_top + 30 * index), note, QUIET, _font(17))
+    sheet.save(path)
+
+
+def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int) -> None:
+    (x, y), (width, height) = corner, size
+    draw.rectangle((x, y, x + width - 1, y + height + caption - 1), PANEL)
+    sheet.paste(as_picture(layer).resize(size, Image.Resampling.LANCZOS), corner)
+    title = _font(22, "Medium")
+    draw.text((x + 16, y + height + 12), _fitted(draw, layer.name, title, width - 130), TEXT, title)
+    seconds = f"{layer.seconds:.2f} s"
+    draw.text((x + width - 16, y + height + 13), seconds, ACCENT, _font(20), anchor="ra")
+    for line, text in enumerate(error_lines(layer.error)):
+        draw.text((x + 16, y + height + 44 + 22 * line), text, ACCENT if not line else QUIET, _font(16))
+
+
+def error_lines(error: dict) -> tuple[str, str]:
+    """The two caption lines: value with its interval, and how it was measured."""
+    if not error:
+        return "error not measured", ""
+    low, high = error["ci95"]
+    value = f"{error['metric']} {error['value']:.4f}  (95%: {low:.4f} to {high:.4f})"
+    return value, f"{error['probes']} probes · {error['reference']}"
+
+
+def _fitted(draw, text: str, font, width: int) -> str:
+    """The text, cut with an ellipsis where it is wider than `width` pixels."""
+    if draw.textlength(text, font) <= width:
+        return text
+    while text and draw.textlength(text + "…", font) > width:
+        text = text[:-1]
+    return text + "…"
+
+
+def _subtitle(layer_set: LayerSet) -> str:
+    report = layer_set.report
+    facts = [
+        report.get("scene"),
+        f"{layer_set.width} x {layer_set.height}",
+        f"{len(layer_set.layers)} layers",
+        f"{report['backend'].upper()}" if report.get("backend") else None,
+        f"{report['seconds']:.1f} s" if "seconds" in report else None,
+    ]
+    return "   ·   ".join(fact for fact in facts if fact)
+
+
+def _notes(report: dict, most: int = 6) -> list[str]:
+    """What was left out and why, and the warnings."""
+    notes = [f"Left out: {entry['what']} - {entry['reason']}" for entry in report.get("left_out", ())]
+    notes += [f"Warning: {warning}" for warning in report.get("warnings", ())]
+    return [*notes[:most], f"... and {len(notes) - most} more"] if len(notes) > most else notes

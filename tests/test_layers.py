@@ -1,0 +1,259 @@
+"""Layers on their way out: EXR files, Blender's compositor, Blender's images, the contact sheet."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+
+import bpy
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+from strata.addon.core.errors import StrataError
+from strata.addon.core.layers import Layer, LayerSet
+from strata.addon.core.naming import LONGEST, layer_name
+from strata.addon.layers.exr import read_layers, write_layers
+from strata.addon.layers.files import check_writable, replaced
+from strata.addon.layers.images import make_images
+
+WIDTH, HEIGHT = 7, 5
+ERROR = {"metric": "weighted rmse", "value": 0.011, "ci95": [0.01, 0.012], "probes": 64, "reference": "rays"}
+
+
+def pixels(channels: str, seed: int = 0) -> np.ndarray:
+    """Values that a half float or an 8-bit image would spoil, with the extremes among them."""
+    shape = (HEIGHT, WIDTH) if len(channels) == 1 else (HEIGHT, WIDTH, len(channels))
+    values = np.random.default_rng(seed).normal(size=shape).astype(np.float32)
+    values.flat[:4] = (0.0, 1.0, 1e30, 1e-30)
+    return values
+
+
+def layer(name: str, channels: str = "V", light: str = "", seed: int = 0) -> Layer:
+    return Layer(name, channels, pixels(channels, seed), "soft_shadow", light, 0, 0.25, ERROR, {"layers": 3})
+
+
+def layer_set(*layers: Layer, view_layer: str = "ViewLayer", space: str = "Linear Rec.709") -> LayerSet:
+    return LayerSet(tuple(layers), WIDTH, HEIGHT, view_layer, space, {"strata": "0.1.0", "frame": 3}, 2.0)
+
+
+def odd_light_names() -> list[str]:
+    long = "Straßenlaterne mit einem sehr langen Namen über der alten Brücke am Fluß, Nummer 10000"
+    return ["Key.001", "Key_001", "灯" * 100, long + "1", long + "2", "tab\there", "a/b:c", "-"]
+
+
+def compositor_passes(path) -> set[str]:
+    """The pass names that Blender's Image node offers."""
+    tree = bpy.data.node_groups.new("passes", "CompositorNodeTree")
+    node = tree.nodes.new("CompositorNodeImage")
+    image = bpy.data.images.load(str(path))
+    node.image = image
+    assert image.type == "MULTILAYER"
+    names = {output.name for output in node.outputs}
+    bpy.data.node_groups.remove(tree)
+    bpy.data.images.remove(image)
+    return names
+
+
+def test_every_value_and_figure_comes_back(tmp_path):
+    path = tmp_path / "out.exr"
+    written = layer_set(
+        layer("Soft Shadow Key", light="Key", seed=1),
+        layer("Glow", "RGBA", seed=2),
+        layer("Normal", "XYZ", seed=3),
+        space="ACEScg",
+    )
+    write_layers(path, written)
+    back = read_layers(path)
+    assert (back.width, back.height, back.view_layer) == (WIDTH, HEIGHT, "ViewLayer")
+    assert (back.working_space, back.pixel_aspect, back.report) == ("ACEScg", 2.0, written.report)
+    for ours, theirs in zip(written.layers, back.layers, strict=True):
+        np.testing.assert_array_equal(ours.pixels, theirs.pixels)
+        for name in ("name", "channels", "effect", "light", "seconds", "error", "settings"):
+            assert getattr(ours, name) == getattr(theirs, name), name
+
+
+def test_file_says_what_openexr_readers_expect(tmp_path):
+    path = tmp_path / "out.exr"
+    ours = layer_set(layer("Soft Shadow Key", light="Key"), layer("Glow", "RGBA"))
+    write_layers(path, ours)
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        shadow, glow = file.parts
+        assert shadow.name() == "ViewLayer.Soft Shadow Key"
+        assert list(shadow.channels) == ["ViewLayer.Soft Shadow Key.V"]
+        assert sorted(glow.channels) == [f"ViewLayer.Glow.{letter}" for letter in "ABGR"]
+        top_row = shadow.channels["ViewLayer.Soft Shadow Key.V"].pixels[0]
+        np.testing.assert_array_equal(top_row, ours.layers[0].pixels[-1])
+        assert top_row.dtype == np.float32
+        assert shadow.header["colorInteropID"] == "data"
+        assert glow.header["colorInteropID"] == "lin_rec709_scene"
+        assert shadow.header["compression"] == OpenEXR.ZIP_COMPRESSION
+        assert shadow.header["strata:light"] == "Key"
+        assert json.loads(shadow.header["strata:error"]) == ERROR
+        assert json.loads(shadow.header["strata:report"])["frame"] == 3
+        assert "strata:report" not in glow.header
+
+
+@pytest.mark.parametrize("view_layer", ["ViewLayer", "View.Layer.001", "View-", "灯 layer"])
+def test_compositor_lists_every_pass(tmp_path, view_layer):
+    path = tmp_path / "out.exr"
+    names = ["Soft Shadow Key", "Soft Shadow Fill Light", "Glow"]
+    layers = [layer(names[0]), layer(names[1]), layer(names[2], "RGBA")]
+    write_layers(path, layer_set(*layers, view_layer=view_layer))
+    assert compositor_passes(path) == set(names)
+
+
+def test_odd_light_names_stay_apart_and_survive(tmp_path):
+    path, names, layers = tmp_path / "out.exr", [], []
+    for seed, light in enumerate(odd_light_names()):
+        names.append(layer_name("Soft Shadow", light, names))
+        layers.append(layer(names[-1], light=light, seed=seed))
+    assert len(set(names)) == len(names)
+    assert all(len(name.encode()) <= LONGEST and "." not in name for name in names)
+    write_layers(path, layer_set(*layers))
+    back = read_layers(path)
+    assert [theirs.light for theirs in back.layers] == odd_light_names()
+    for ours, theirs in zip(layers, back.layers, strict=True):
+        np.testing.assert_array_equal(ours.pixels, theirs.pixels)
+    assert compositor_passes(path) == set(names)
+
+
+def test_bad_pixels_are_refused_early():
+    with pytest.raises(ValueError, match="not float32 RGB"):
+        Layer("Glow", "RGB", pixels("RGBA"), "glow")
+    with pytest.raises(ValueError, match="not float32 V"):
+        Layer("Mask", "V", np.zeros((HEIGHT, WIDTH)), "mask")
+    with pytest.raises(ValueError, match="is not 8 x 5"):
+        LayerSet((layer("Glow"),), WIDTH + 1, HEIGHT, "ViewLayer")
+
+
+@contextmanager
+def largest_file(size: int):
+    """A disk that fills up: the system refuses to let any file grow past `size` bytes."""
+    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+
+
+def test_full_disk_keeps_the_old_file_and_leaves_nothing(tmp_path):
+    path = tmp_path / "out.exr"
+    write_layers(path, layer_set(layer("Old")))
+    with largest_file(500), pytest.raises(StrataError, match=r"cannot write .*out\.exr: File too large"):
+        write_layers(path, layer_set(layer("New")))
+    assert read_layers(path).layers[0].name == "Old"
+    assert os.listdir(tmp_path) == ["out.exr"]
+
+
+def test_no_space_left_is_told_in_one_line(tmp_path):
+    full_disk = pytest.raises(StrataError, match="No space left on device")
+    with full_disk as caught, replaced(tmp_path / "out.exr"), open("/dev/full", "wb", buffering=0) as full:
+        full.write(b"x")
+    assert "\n" not in str(caught.value)
+    assert os.listdir(tmp_path) == []
+
+
+def test_interrupt_leaves_nothing(tmp_path):
+    def interrupted():
+        with replaced(tmp_path / "out.exr") as stream:
+            stream.write(b"half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert os.listdir(tmp_path) == []
+
+
+def test_hopeless_targets_are_refused_before_the_work(tmp_path):
+    (tmp_path / "folder.exr").mkdir()
+    for path, reason in (
+        (tmp_path / "none" / "out.exr", "does not exist"),
+        (tmp_path / "folder.exr", "is a folder"),
+        ("/dev/null", "not a regular file"),
+    ):
+        with pytest.raises(StrataError, match=reason):
+            check_writable(path)
+
+
+def test_folder_without_write_permission_is_refused(tmp_path):
+    """In a process of its own, since root has to give up its power for good to be refused anything."""
+    folder = tmp_path / "locked"
+    folder.mkdir(mode=0o555)
+    tmp_path.chmod(0o755)
+    program = (
+        "import os, sys; os.chdir('/')\n"
+        "from strata.addon.core.errors import StrataError\n"
+        "from strata.addon.layers.files import check_writable\n"
+        "os.geteuid() == 0 and os.setuid(65534)\n"
+        "try: check_writable(sys.argv[1])\n"
+        "except StrataError as error: print(error)\n"
+    )
+    for parent in folder.parents:  # pytest's folders are private to their owner
+        if parent.stat().st_uid == os.geteuid() and str(parent).startswith("/tmp/"):
+            parent.chmod(0o755)
+    run = [sys.executable, "-c", program, str(folder / "out.exr")]
+    assert "is not writable" in subprocess.run(run, capture_output=True, text=True, check=True).stdout
+
+
+def test_a_symbolic_link_keeps_pointing(tmp_path):
+    target, link = tmp_path / "real.exr", tmp_path / "link.exr"
+    target.write_bytes(b"old")
+    link.symlink_to(target)
+    write_layers(link, layer_set(layer("New")))
+    assert link.is_symlink()
+    assert read_layers(target).layers[0].name == "New"
+
+
+def test_files_that_are_not_ours_are_refused(tmp_path):
+    foreign, text = tmp_path / "foreign.exr", tmp_path / "text.exr"
+    OpenEXR.File({}, {"Z": pixels("Z")}).write(str(foreign))
+    text.write_text("no image")
+    for path in (foreign, text, tmp_path / "none.exr"):
+        with pytest.raises(StrataError, match="cannot read"):
+            read_layers(path)
+
+
+def test_images_are_new_and_exact():
+    users = bpy.data.images.new("Soft Shadow Key", 1, 1)
+    data, colour = layer("Soft Shadow Key"), layer("Glow", "RGBA", seed=2)
+    made = make_images(layer_set(data, colour))
+    assert made[0] != users
+    assert users.size[:] == (1, 1)
+    assert made[0].name == "Soft Shadow Key.001"
+    assert [image.is_float for image in made] == [True, True]
+    assert [image.colorspace_settings.name for image in made] == ["Non-Color", "Linear Rec.709"]
+    values = np.empty(WIDTH * HEIGHT * 4, np.float32)
+    made[0].pixels.foreach_get(values)
+    grey = values.reshape(HEIGHT, WIDTH, 4)
+    for channel in range(3):
+        np.testing.assert_array_equal(grey[:, :, channel], data.pixels)
+    np.testing.assert_array_equal(grey[:, :, 3], 1.0)
+    made[1].pixels.foreach_get(values)
+    np.testing.assert_array_equal(values.reshape(HEIGHT, WIDTH, 4), colour.pixels)
+    for image in (*made, users):
+        bpy.data.images.remove(image)
+
+
+def test_contact_sheet_multiplies_each_light_by_its_own_shadow(tmp_path):
+    from contact_sheet import AMBIENT, composite, save_contact_sheet
+
+    shadow = Layer("Soft Shadow Key", "V", np.zeros((HEIGHT, WIDTH), np.float32), "soft_shadow", "Key", 0)
+    lit = {
+        "Key": np.full((HEIGHT, WIDTH, 3), 2.0, np.float32),
+        "Fill": np.full((HEIGHT, WIDTH, 3), 3.0, np.float32),  # its layer was left out: nothing shadows it
+    }
+    total = composite((shadow,), lit)
+    np.testing.assert_allclose(total, 2.0 * AMBIENT + 3.0, rtol=1e-6)  # float32 sums
+    path = tmp_path / "sheet.png"
+    save_contact_sheet(path, layer_set(shadow, layer("Glow", "RGBA")), lit)
+    with Image.open(path) as sheet:
+        assert sheet.width == 1600
+        assert sheet.getextrema()[0][1] > 200  # the lit image is there, and bright
