@@ -126,6 +126,13 @@ class Executor:
         store[key] = value
         return value
 
+    def release(self) -> None:
+        """Frees everything that was kept."""
+        self._drop_passing()
+        self.kept_values, kept = 0, self.kept_values
+        self._trim()
+        self.kept_values = kept
+
     def _home(self, node: Node) -> Device:
         return self.primary if self._usable(node, self.primary) else self.fallback
 
@@ -135,7 +142,7 @@ class Executor:
     def _run(self, node: Node, device: Device) -> Any:
         inputs = [self.value(item, device) for item in node.inputs]
         extra: dict[str, Any] = {}
-        if node is self._graph.surface:
+        if node == self._graph.surface:
             extra = {"chunk": self._chunk, "attributes": self._graph.surface_attributes}
         started = time.perf_counter()
         compiling = device.compile_seconds

@@ -115,13 +115,14 @@ class PlannedLayer:
 @dataclass(frozen=True)
 class Graph:
     """What runs. `surface_attributes` and `instances` are the union of what the nodes read: nothing else is
-    extracted or rasterised. `uses_uvs`: some shadow or colour samples a texture."""
+    extracted or rasterised. `wants` names what the extraction has to bring besides positions."""
 
     layers: tuple[PlannedLayer, ...]
     left_out: tuple[LeftOut, ...]
     surface: Node | None
     surface_attributes: frozenset[str]
     instances: frozenset[int]
+    wants: frozenset[str] = frozenset()
     warnings: tuple[str, ...] = ()
 
     def nodes(self, roots: Iterable[Node] | None = None) -> tuple[Node, ...]:

@@ -185,8 +185,12 @@ class Material:
         return self.alpha_threshold > 0.0
 
     @property
+    def clips_by_texture(self) -> bool:
+        return self.is_cutout and self.alpha_image is not None
+
+    @property
     def samples_texture(self) -> bool:
-        return self.base_color_image is not None or (self.is_cutout and self.alpha_image is not None)
+        return self.base_color_image is not None or self.clips_by_texture
 
 
 @dataclass(frozen=True)

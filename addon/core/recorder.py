@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from .effect import Effect, LayerKind
 from .graph import Graph, LeftOut, Node, PlannedLayer, Step
 from .naming import layer_name
 from .outline import Outline
+
+# What a surface's attribute asks of the extraction, beyond positions.
+NEEDED_FOR = {"shading_normal": "corner_normals", "uv": "uv"}
 
 
 class Recorder:
@@ -19,7 +24,13 @@ class Recorder:
         self._left_out: list[LeftOut] = []
         self._attributes: set[str] = set()
         self._instances: set[int] = set()
+        self._wants: set[str] = set()
         self._surface: Node | None = None
+
+    @property
+    def layers(self) -> tuple[PlannedLayer, ...]:
+        """Declared so far."""
+        return tuple(self._layers)
 
     def step(self, step: Step, *inputs: Node, instance: str = "", **params) -> Node:
         """Records a step; asked twice, it is the same node."""
@@ -29,12 +40,25 @@ class Recorder:
     def surface(self, step: Step, geometry: Node, attributes: tuple[str, ...], **params) -> Node:
         """The shading points, with at least these attributes. One for the whole graph."""
         self._attributes.update(attributes)
+        self._wants.update(NEEDED_FOR[name] for name in attributes if name in NEEDED_FOR)
         self._surface = self.step(step, geometry, instance="camera", **params)
+        return self._surface
+
+    def surface_with(self, *attributes: str) -> Node:
+        """The surface that was recorded, with these attributes too."""
+        self._attributes.update(attributes)
         return self._surface
 
     def reads_instances(self, instances) -> None:
         """Says which instances the recorded steps look at; others are never extracted."""
         self._instances.update(instances)
+        materials = {m for i in instances for m in self.outline.instances[i].materials}
+        if any(self.outline.materials[m].clips_by_texture for m in materials):
+            self._wants.update(("uv", "alpha"))
+
+    def wants(self, *names: str) -> None:
+        """Asks the extraction for more (names as in addon/scene/extract.py)."""
+        self._wants.update(names)
 
     @property
     def instances(self) -> frozenset[int]:
@@ -51,7 +75,8 @@ class Recorder:
         """Declares an image made by `node`; `casters` are the instances that its reference has to trace."""
         light = "" if light_index is None else self.outline.lights[light_index].name
         name = layer_name(kind.title, light, (layer.name for layer in self._layers))
-        layer = PlannedLayer(name, self.effect.id, node, kind.channels, light, light_index, casters)
+        effect = self.effect.id if self.effect else ""
+        layer = PlannedLayer(name, effect, node, kind.channels, light, light_index, casters)
         self._layers.append(layer)
 
     def left_out(self, what: str, reason: str, light: str = "") -> None:
@@ -64,11 +89,13 @@ class Recorder:
             self._surface,
             frozenset(self._attributes),
             frozenset(self._instances),
+            frozenset(self._wants),
         )
 
 
-def plan(outline: Outline, effects: dict[Effect, object]) -> Graph:
-    """Records every effect that the scene needs; `effects` maps each to its parameters."""
+def plan(outline: Outline, effects: dict[Effect, object], also: Callable | None = None) -> Graph:
+    """Records every effect that the scene needs; `effects` maps each to its parameters. `also(recorder,
+    outline)` may record more, after them and for no effect."""
     recorder = Recorder(outline)
     for effect, params in effects.items():
         recorder.effect = effect
@@ -76,4 +103,7 @@ def plan(outline: Outline, effects: dict[Effect, object]) -> Graph:
             recorder.left_out(effect.id, reason)
         else:
             effect.run(recorder, outline, params)
+    recorder.effect = None
+    if also:
+        also(recorder, outline)
     return recorder.graph()

@@ -20,15 +20,20 @@ BASE_COLOR = "base_color"
 WANTS = frozenset({CORNER_NORMALS, UV, ALPHA, BASE_COLOR})
 
 
-def extract(scan: Scan, wants: Collection[str] = WANTS) -> Arrays:
-    """Arrays of every mesh of the outline. `wants` is a subset of `WANTS`: `CORNER_NORMALS` of smooth meshes,
-    `UV` of meshes with a material that samples a texture, texels for `ALPHA` clips and for `BASE_COLOR`."""
+def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[int] | None = None) -> Arrays:
+    """Arrays of the meshes that `instances` (indices; None: all) show; other meshes stay empty. `wants` is a
+    subset of `WANTS`: `CORNER_NORMALS` of smooth meshes, `UV` of meshes with a material that samples a
+    texture, texels for `ALPHA` clips and for `BASE_COLOR`."""
     outline = scan.outline
     warnings: list[str] = []
     owners = _owners(outline)
     textured = _textured_meshes(outline, wants) if UV in wants else frozenset()
+    read = range(len(outline.instances)) if instances is None else instances
+    shown = {outline.instances[index].mesh for index in read}
     meshes = tuple(
         _mesh_arrays(source, CORNER_NORMALS in wants, index in textured, owners[index], warnings)
+        if index in shown
+        else _no_faces()
         for index, source in enumerate(scan.mesh_sources)
     )
     textures = _textures(scan, wants, warnings)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ...core.graph import Node, Step
 from ...core.outline import Outline
 from ...core.recorder import Recorder
@@ -39,7 +41,7 @@ def _layered_depth(device, geometry, view, casters, layers, width, height):
 
 
 def _ray_accelerator(device, geometry, eye, casters):
-    return device.kernels.Accel(geometry, eye, device.instance_mask(casters))
+    return device.kernels.Accel(geometry, np.array(eye), device.instance_mask(casters))
 
 
 # The scene's meshes and instances, on the device.
@@ -90,3 +92,11 @@ def layered_depth(
         width=width,
         height=height,
     )
+
+
+def ray_accelerator(outline: Outline, casters: frozenset[int], instance: str) -> Node:
+    """A hierarchy over `casters`, relative to the camera's eye. Outside any graph too: measuring asks for
+    the one that a hybrid effect may already have built."""
+    frame = (outline.scene_name, outline.view_layer_name, outline.frame)
+    node = Node(GEOMETRY, "", (), {"scene": frame})
+    return Node(RAY_ACCELERATOR, instance, (node,), {"eye": outline.view.eye, "casters": casters})

@@ -98,7 +98,7 @@ def _record_light(recorder, outline, params, index, casters, seen, region, boxes
         refinements=params.refinements,
     )
     if params.method == Method.HYBRID:
-        accelerator = _accelerator(recorder, outline, casters, light.name)
+        accelerator = shared.ray_accelerator(outline, casters, light.name)
         shadow = recorder.step(
             steps.RAYS,
             surface,
@@ -131,16 +131,6 @@ def _map(recorder: Recorder, outline: Outline, params: SoftShadowParams, view, c
         view=view,
         gradient_scale=params.gradient_scale,
         gradient_cap_m=params.gradient_cap_m,
-    )
-
-
-def _accelerator(recorder: Recorder, outline: Outline, casters: frozenset[int], name: str) -> Node:
-    return recorder.step(
-        shared.RAY_ACCELERATOR,
-        shared.geometry(recorder, outline),
-        instance=name,
-        eye=outline.view.eye,
-        casters=casters,
     )
 
 

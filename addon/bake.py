@@ -1,0 +1,243 @@
+"""The one line that every face calls: read a scene, plan it, run the plan, measure what came out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .core.arrays import Arrays
+from .core.effect import Effect
+from .core.errors import StrataError
+from .core.executor import Executor
+from .core.graph import Graph, PlannedLayer
+from .core.layers import Layer, LayerSet
+from .core.outline import Outline
+from .core.recorder import plan
+from .core.sampling import Sampling
+from .devices.start import Devices, start_devices
+from .effects.registry import EFFECTS, effect_named
+from .effects.shared import lit
+from .measure.measure import Measurement
+from .measure.report import Report, StepTime, report_of
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to bake. `effects`: ids, None for all; `values`: parameter values by effect id and name;
+    `samples` jittered surfaces a pixel; `probes` points to measure the error at, 0 for none; `lit` also
+    makes each light's unshadowed image, for a picture of the whole."""
+
+    effects: tuple[str, ...] | None = None
+    backend: str = "auto"
+    samples: int = 8
+    probes: int = 2048
+    values: dict[str, dict[str, Any]] = field(default_factory=dict)
+    seed: int = 0
+    lit: bool = False
+
+    def __post_init__(self):
+        if self.samples < 1:
+            raise StrataError(f"samples: {self.samples} is less than 1")
+        if self.probes < 0:
+            raise StrataError(f"probes: {self.probes} is less than 0")
+        for effect_id, values in self.values.items():
+            effect_named(effect_id).params.checked(effect_id, values)
+
+    def chosen(self) -> dict[Effect, Any]:
+        """The effects to run with their parameters."""
+        effects = EFFECTS if self.effects is None else tuple(effect_named(name) for name in self.effects)
+        return {e: e.params.checked(e.id, self.values.get(e.id, {})) for e in effects}
+
+
+def plan_scene(outline: Outline, options: Options) -> Graph:
+    """What would run, what is left out, and why."""
+    return plan(outline, options.chosen(), lit.record if options.lit else None)
+
+
+@dataclass(frozen=True)
+class Baked:
+    """`lit`: (height, width, 3) float32 unshadowed diffuse radiance by light index, if it was asked for."""
+
+    layers: LayerSet
+    report: Report
+    lit: dict[int, np.ndarray]
+
+
+class BakeJob:
+    """A bake under way. `advance` works for about a budget of seconds, so that it can run in time slices on
+    the main thread (a GPU) or to its end on a worker thread (the CPU)."""
+
+    def __init__(
+        self,
+        outline: Outline,
+        graph: Graph,
+        arrays: Arrays,
+        options: Options,
+        devices: Devices | None = None,
+        read_seconds: float = 0.0,
+    ):
+        self.outline = outline
+        self.graph = graph
+        self.options = options
+        self.devices = devices or start_devices(options.backend)
+        for device in {self.devices.primary, self.devices.fallback}:
+            device.set_scene(outline, arrays)
+        self.progress = 0.0
+        self.stage = "Starting"
+        self._warnings = [*outline.warnings, *arrays.warnings, *graph.warnings]
+        self._read_seconds = read_seconds
+        self._result: Baked | None = None
+        self._work = self._run()
+
+    @property
+    def needs_main_thread(self) -> bool:
+        return self.devices.primary.name == "gpu"
+
+    def cancel(self) -> None:
+        """From any thread; `advance` then raises Cancelled."""
+        self.devices.fallback.cancel_flag.set()
+
+    def advance(self, budget_seconds: float = float("inf")) -> bool:
+        """Works on; True when the result is there. Raises Cancelled, or what went wrong."""
+        end = time.perf_counter() + budget_seconds
+        while self._result is None and time.perf_counter() < end:
+            next(self._work, None)
+        return self._result is not None
+
+    def result(self) -> Baked:
+        self.advance()
+        return self._result
+
+    def _run(self) -> Iterator[None]:
+        started = time.perf_counter() - self._read_seconds
+        outline, options = self.outline, self.options
+        width, height = outline.size
+        sampling = Sampling(width, height, options.samples, outline.pixel_filter)
+        executor = Executor(self.devices.primary, self.devices.fallback)
+        measurement = Measurement(self.graph, outline, options.probes, options.seed)
+        self.stage = "Baking"
+        share = 0.75 if options.probes else 1.0
+        for done in executor.run(self.graph, sampling, measurement if options.probes else None):
+            self.progress = share * done
+            yield
+        errors = {}
+        if options.probes:
+            self.stage = "Measuring"
+            layers = [layer for layer in self.graph.layers if layer.effect]
+            for number, layer in enumerate(layers):
+                errors[layer.name] = self._measure(measurement, executor, layer)
+                self.progress = share + (1.0 - share) * (number + 1) / len(layers)
+                yield
+        executor.release()
+        seconds = time.perf_counter() - started
+        self._result = self._finished(executor, errors, seconds)
+        self.progress, self.stage = 1.0, "Done"
+
+    def _measure(self, measurement: Measurement, executor: Executor, layer: PlannedLayer):
+        """Rays against the layer's own casters, on the CPU whatever made the layer."""
+        from .devices.cpu import CpuRays
+        from .effects.shared.steps import ray_accelerator
+
+        device = self.devices.fallback
+        accelerator = executor.value(ray_accelerator(self.outline, layer.casters, layer.light), device)
+        rays = CpuRays(accelerator, np.array(self.outline.view.eye))
+        return measurement.measure(layer, rays, device.instance_mask(layer.casters))
+
+    def _finished(self, executor: Executor, errors: dict, seconds: float) -> Baked:
+        outline, execution = self.outline, executor.execution
+        own = _own_nodes(self.graph)
+        chosen = self.options.chosen()
+        settings = {effect.id: params.as_dict() for effect, params in chosen.items()}
+        layers, costs = [], {}
+        for layer in (layer for layer in self.graph.layers if layer.effect):
+            costs[layer.name] = (
+                execution.seconds(own[layer.name]),
+                execution.seconds(self.graph.nodes([layer.node])),
+            )
+            error = errors[layer.name].to_json() if layer.name in errors else {}
+            layers.append(
+                Layer(
+                    layer.name,
+                    layer.channels,
+                    execution.images[layer.name],
+                    layer.effect,
+                    layer.light,
+                    layer.light_index,
+                    costs[layer.name][0],
+                    error,
+                    settings[layer.effect],
+                )
+            )
+        steps = [
+            StepTime(timing.node.step.name, timing.node.instance, timing.device, timing.seconds)
+            for timing in execution.timings.values()
+        ]
+        report = report_of(
+            outline=outline,
+            graph=self.graph,
+            backend=self.devices.primary.name,
+            backend_reason=self.devices.reason,
+            seed=self.options.seed,
+            seconds=seconds,
+            compile_seconds=self.devices.primary.compile_seconds,
+            steps=steps,
+            images=execution.images,
+            costs=costs,
+            errors=errors,
+            warnings=[*self._warnings, *execution.warnings],
+        )
+        width, height = outline.size
+        aspect = outline.pixel_aspect[0] / outline.pixel_aspect[1]
+        layer_set = LayerSet(
+            tuple(layers),
+            width,
+            height,
+            outline.view_layer_name,
+            outline.working_space,
+            report.to_json(),
+            aspect,
+        )
+        pictures = {
+            layer.light_index: execution.images[layer.name] for layer in self.graph.layers if not layer.effect
+        }
+        return Baked(layer_set, report, pictures)
+
+
+def _own_nodes(graph: Graph) -> dict[str, list]:
+    """By layer, the nodes that no other layer of the file reads."""
+    layers = [layer for layer in graph.layers if layer.effect]
+    readers: dict[str, int] = {}
+    below = {layer.name: graph.nodes([layer.node]) for layer in layers}
+    for nodes in below.values():
+        for node in nodes:
+            readers[node.key] = readers.get(node.key, 0) + 1
+    return {name: [node for node in nodes if readers[node.key] == 1] for name, nodes in below.items()}
+
+
+def read_scene(
+    scene, view_layer, options: Options, frame: int | None = None, camera=None, size=None
+) -> tuple[Outline, Graph, Arrays, float]:
+    """Scans, plans and extracts what the plan reads, as F12 would see the scene; `scene`, `view_layer` and
+    `camera` are Blender's. Returns the seconds too. Only on the main thread."""
+    from .scene.extract import extract
+    from .scene.render_depsgraph import with_render_depsgraph
+    from .scene.scan import ScanOptions, scan
+
+    def look(depsgraph) -> tuple[Outline, Graph, Arrays, float]:
+        started = time.perf_counter()
+        found = scan(depsgraph, ScanOptions(size=size, camera=camera.name if camera else None))
+        graph = plan_scene(found.outline, options)
+        arrays = extract(found, graph.wants, graph.instances)
+        return found.outline, graph, arrays, time.perf_counter() - started
+
+    return with_render_depsgraph(scene, view_layer, look, frame, camera)
+
+
+def bake(scene, view_layer, options: Options, **where) -> Baked:
+    """Reads and bakes, to the end; `where` as `read_scene` takes it."""
+    outline, graph, arrays, seconds = read_scene(scene, view_layer, options, **where)
+    return BakeJob(outline, graph, arrays, options, read_seconds=seconds).result()
