@@ -30,7 +30,7 @@ def filter_weight(pixel_filter: PixelFilter, x: np.ndarray) -> np.ndarray:
 
 def jitters(pixel_filter: PixelFilter, samples: int) -> np.ndarray:
     """(samples, 2) float64 offsets in pixels whose density is the filter: every sample then weighs the same
-    and no pixel reads its neighbours. A Hammersley set through the inverse of the filter's distribution; one
+    and no pixel reads its neighbours. A ranked Hammersley set through the inverse of the filter's distribution; one
     sample is the pixel's centre."""
     index = np.arange(samples)
     radical, bit = np.zeros(samples), 0.5
@@ -39,9 +39,9 @@ def jitters(pixel_filter: PixelFilter, samples: int) -> np.ndarray:
         radical += bit * (rest & 1)
         rest >>= 1
         bit *= 0.5
-    # Half a stratum keeps the set centred: radical inverses of n points are multiples of 2^-ceil(log2 n).
-    strata = 2.0 ** max(samples - 1, 0).bit_length()
-    uniform = np.stack([(index + 0.5) / samples, radical + 0.5 / strata], axis=1)
+    # Ranks of the radical inverses: one point in each row and each column, and centred, for any count.
+    rank = np.argsort(np.argsort(radical))
+    uniform = (np.stack([index, rank], axis=1) + 0.5) / samples
     edges = np.linspace(-pixel_filter.radius, pixel_filter.radius, TABLE_LENGTH + 1)
     weights = filter_weight(pixel_filter, 0.5 * (edges[1:] + edges[:-1]))
     distribution = np.concatenate([[0.0], np.cumsum(weights)])
