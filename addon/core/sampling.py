@@ -30,8 +30,8 @@ def filter_weight(pixel_filter: PixelFilter, x: np.ndarray) -> np.ndarray:
 
 def jitters(pixel_filter: PixelFilter, samples: int) -> np.ndarray:
     """(samples, 2) float64 offsets in pixels whose density is the filter: every sample then weighs the same
-    and no pixel reads its neighbours. A ranked Hammersley set through the inverse of the filter's distribution; one
-    sample is the pixel's centre."""
+    and no pixel reads its neighbours. A ranked Hammersley set through the inverse of the filter's
+    distribution; one sample is the pixel's centre."""
     index = np.arange(samples)
     radical, bit = np.zeros(samples), 0.5
     rest = index.copy()
