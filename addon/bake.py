@@ -115,8 +115,7 @@ class BakeJob:
     def _run(self) -> Iterator[None]:
         started = time.perf_counter() - self._read_seconds
         outline, options = self.outline, self.options
-        width, height = outline.size
-        sampling = Sampling(width, height, options.samples, outline.pixel_filter)
+        sampling = Sampling(*outline.computed_size, options.samples, outline.pixel_filter)
         executor = Executor(self.devices.primary, self.devices.fallback)
         measurement = Measurement(self.graph, outline, options.probes, options.seed)
         self.stage = "Baking"
@@ -163,7 +162,7 @@ class BakeJob:
                 Layer(
                     layer.name,
                     layer.channels,
-                    execution.images[layer.name],
+                    outline.framed(execution.images[layer.name]),
                     layer.effect,
                     layer.light,
                     layer.light_index,
@@ -202,7 +201,9 @@ class BakeJob:
             aspect,
         )
         pictures = {
-            layer.light_index: execution.images[layer.name] for layer in self.graph.layers if not layer.effect
+            layer.light_index: outline.framed(execution.images[layer.name])
+            for layer in self.graph.layers
+            if not layer.effect
         }
         return Baked(layer_set, report, pictures)
 

@@ -251,21 +251,35 @@ class Outline:
     @property
     def size(self) -> tuple[int, int]:
         """Width and height of the image in pixels."""
-        if self.crop and self.region:
+        return self.computed_size if self.crop else self.frame_size
+
+    @property
+    def computed_size(self) -> tuple[int, int]:
+        """Width and height in pixels of what is computed: the render region, cropped to or not."""
+        if self.region:
             return self.region[2] - self.region[0], self.region[3] - self.region[1]
         return self.frame_size
 
     @property
     def view(self) -> View:
-        """The camera's eye of the image (of the crop, where there is one)."""
+        """The camera's eye of what is computed."""
         view = self.camera.view(*self.frame_size, self.pixel_aspect)
-        if not (self.crop and self.region):
+        if not self.region:
             return view
         left, right, bottom, top = view.window
         x0, y0, x1, y1 = self.region
         step_x, step_y = (right - left) / self.frame_size[0], (top - bottom) / self.frame_size[1]
         window = (left + x0 * step_x, left + x1 * step_x, bottom + y0 * step_y, bottom + y1 * step_y)
         return replace(view, window=window)
+
+    def framed(self, image: np.ndarray) -> np.ndarray:
+        """A computed image (h, w[, channels]) in its place in the frame; zero around it, as in Blender."""
+        if image.shape[1::-1] == self.size:
+            return image
+        x0, y0, x1, y1 = self.region
+        frame = np.zeros((self.size[1], self.size[0], *image.shape[2:]), image.dtype)
+        frame[y0:y1, x0:x1] = image
+        return frame
 
     @property
     def bounds(self) -> Bounds | None:
