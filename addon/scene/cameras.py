@@ -7,7 +7,7 @@ import numpy as np
 
 from ..core.errors import StrataError
 from ..core.outline import Camera, PixelFilter
-from .transforms import as_vector, is_usable, matrix_of
+from .transforms import are_usable, as_vector, matrix_of
 
 
 def camera_of(evaluated: bpy.types.Object) -> Camera:
@@ -19,7 +19,7 @@ def camera_of(evaluated: bpy.types.Object) -> Camera:
     if data.type not in {"PERSP", "ORTHO"}:
         raise StrataError(f"camera '{name}' is panoramic or custom: only perspective and orthographic render")
     matrix = matrix_of(evaluated.matrix_world)
-    if not is_usable(matrix):
+    if not are_usable(matrix[None])[0]:
         raise StrataError(f"camera '{name}' has a matrix that is singular or not finite")
     near, far = float(data.clip_start), float(data.clip_end)
     if not 0.0 < near < far:

@@ -13,7 +13,7 @@ from .cameras import camera_of, camera_warnings, frame_size_of, pixel_filter_of,
 from .light_linking import linked_objects
 from .lights import light_of
 from .materials import Images, default_material, material_of
-from .transforms import is_usable, matrix_of
+from .transforms import are_usable
 
 # Types that would render but are not read; all others without a mesh (empties, armatures, ...) never render.
 _NOT_READ = {
@@ -61,8 +61,9 @@ class _Scanner:
     mesh_bounds: list[np.ndarray] = field(default_factory=list)
     mesh_indices: dict[int, int] = field(default_factory=dict)
     mesh_keys: dict[str, int] = field(default_factory=dict)
+    looks: dict[tuple, dict | None] = field(default_factory=dict)
     instances: list[dict] = field(default_factory=list)
-    matrices: list[np.ndarray] = field(default_factory=list)
+    matrices: list[tuple[float, ...]] = field(default_factory=list)
     objects: list[bpy.types.Object] = field(default_factory=list)
     object_ids: dict[int, int] = field(default_factory=dict)
     lights: list[Light] = field(default_factory=list)
@@ -129,33 +130,33 @@ class _Scanner:
     # Meshes
 
     def _mesh(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> None:
-        mesh = shown.data
-        if not len(mesh.polygons):
-            return
-        matrix = matrix_of(instance.matrix_world)
-        if not is_usable(matrix):
-            self._warn(f"object '{shown.name}' is left out: its matrix is singular or not finite")
-            return
-        original = shown.original
         owner = instance.parent if instance.is_instance else shown
+        mesh, original = shown.data, shown.original
+        # All that instances have in common but the matrix; scenes with many have few different ones.
+        key = (original.session_uid, owner.original.session_uid, mesh.as_pointer())
+        if key not in self.looks:
+            has_faces = len(mesh.polygons) > 0
+            self.looks[key] = self._look(instance, shown, owner, mesh) if has_faces else None
+        look = self.looks[key]
+        if look is not None:
+            matrix = instance.matrix_world
+            self.instances.append(look)
+            self.objects.append(original)
+            self.matrices.append((*matrix[0], *matrix[1], *matrix[2], *matrix[3]))
+
+    def _look(self, instance, shown: bpy.types.Object, owner: bpy.types.Object, mesh: bpy.types.Mesh) -> dict:
         view_layer = self.depsgraph.view_layer_eval
-        visible_camera = shown.visible_camera and owner.visible_camera
-        if owner.indirect_only_get(view_layer=view_layer):
-            visible_camera = False
-        self.instances.append(
-            {
-                "name": shown.name,
-                "mesh": self._mesh_index(shown, mesh),
-                "object_id": self.object_ids.setdefault(original.session_uid, len(self.object_ids)),
-                "materials": self._slot_materials(instance, shown, mesh),
-                "visible_camera": visible_camera,
-                "casts_shadow": shown.visible_shadow and owner.visible_shadow,
-                "is_holdout": shown.is_holdout or owner.holdout_get(view_layer=view_layer),
-                "is_shadow_catcher": shown.is_shadow_catcher or owner.is_shadow_catcher,
-            }
-        )
-        self.matrices.append(matrix)
-        self.objects.append(original)
+        indirect_only = owner.indirect_only_get(view_layer=view_layer)
+        return {
+            "name": shown.name,
+            "mesh": self._mesh_index(shown, mesh),
+            "object_id": self.object_ids.setdefault(shown.original.session_uid, len(self.object_ids)),
+            "materials": self._slot_materials(instance, shown, mesh),
+            "visible_camera": shown.visible_camera and owner.visible_camera and not indirect_only,
+            "casts_shadow": shown.visible_shadow and owner.visible_shadow,
+            "is_holdout": shown.is_holdout or owner.holdout_get(view_layer=view_layer),
+            "is_shadow_catcher": shown.is_shadow_catcher or owner.is_shadow_catcher,
+        }
 
     def _mesh_index(self, shown: bpy.types.Object, mesh: bpy.types.Mesh) -> int:
         pointer = mesh.as_pointer()
@@ -207,17 +208,24 @@ class _Scanner:
             self._warn(f"object '{shown.name}': hair is not read")
 
     def _finished_instances(self) -> tuple[Instance, ...]:
-        if not self.instances:
-            return ()
-        matrices = np.array(self.matrices)
-        boxes = np.array(self.mesh_bounds)[[fields["mesh"] for fields in self.instances]]
-        # The box of a transformed box (Arvo, Graphics Gems 1990), about its centre to keep digits far away.
+        """Without those whose matrix cannot be used; `objects` stays in step."""
+        matrices = np.array(self.matrices, np.float64).reshape(-1, 4, 4)
+        usable = are_usable(matrices)
+        for index in np.flatnonzero(~usable):
+            name = self.instances[index]["name"]
+            self._warn(f"object '{name}' is left out: its matrix is singular or not finite")
+        matrices = matrices[usable]
+        kept = np.flatnonzero(usable).tolist()
+        looks = [self.instances[index] for index in kept]
+        self.objects = [self.objects[index] for index in kept]
+        boxes = np.array(self.mesh_bounds).reshape(-1, 2, 3)[[look["mesh"] for look in looks]]
+        # The box of a transformed box (Arvo, Graphics Gems 1990).
         centres = np.einsum("nij,nj->ni", matrices[:, :3, :3], boxes.mean(axis=1)) + matrices[:, :3, 3]
         extents = np.einsum("nij,nj->ni", np.abs(matrices[:, :3, :3]), 0.5 * (boxes[:, 1] - boxes[:, 0]))
         lows, highs = (centres - extents).tolist(), (centres + extents).tolist()
         return tuple(
-            Instance(matrix=tuple(map(tuple, rows)), bounds=Bounds(tuple(low), tuple(high)), **fields)
-            for fields, rows, low, high in zip(self.instances, matrices.tolist(), lows, highs, strict=True)
+            Instance(matrix=tuple(map(tuple, rows)), bounds=Bounds(tuple(low), tuple(high)), **look)
+            for look, rows, low, high in zip(looks, matrices.tolist(), lows, highs, strict=True)
         )
 
     # Lights

@@ -14,14 +14,13 @@ def matrix_of(matrix) -> np.ndarray:
     return np.array([row[:] for row in matrix], np.float64)
 
 
-def is_usable(matrix: np.ndarray) -> bool:
-    """Whether a (4, 4) matrix is finite, and flattens nothing."""
-    if not np.isfinite(matrix).all():
-        return False
-    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
-    if not lengths.all():
-        return False
-    return bool(abs(np.linalg.det(matrix[:3, :3] / lengths)) > _SINGULAR)
+def are_usable(matrices: np.ndarray) -> np.ndarray:
+    """(N,) bool: which of the (N, 4, 4) matrices are finite and flatten nothing."""
+    linear = matrices[:, :3, :3]
+    with np.errstate(all="ignore"):
+        directions = linear / np.linalg.norm(linear, axis=1, keepdims=True)
+        volumes = np.abs(np.linalg.det(np.nan_to_num(directions, nan=0.0, posinf=0.0, neginf=0.0)))
+    return np.isfinite(matrices).all(axis=(1, 2)) & (volumes > _SINGULAR)
 
 
 def as_vector(values) -> tuple[float, float, float]:

@@ -1,0 +1,109 @@
+"""Opening a .blend without a window, and choosing what of it to bake. Every refusal is one line."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import bpy
+
+from ..core.errors import StrataError
+
+# Plain, and compressed by Zstandard (Blender 3.0 and later) or gzip (before).
+_MAGIC = (b"BLENDER", b"\x28\xb5\x2f\xfd", b"\x1f\x8b")
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """What to bake; `camera` is a name for `ScanOptions`, None for the scene's own."""
+
+    scene: bpy.types.Scene
+    view_layer: bpy.types.ViewLayer
+    camera: str | None
+    frames: tuple[int, ...]
+
+
+def open_blend(path: str | os.PathLike) -> None:
+    """Opens a file without running its scripts. Raises StrataError for what cannot be read; what was open
+    before then stays open."""
+    path = os.path.abspath(path)
+    try:
+        with open(path, "rb") as file:
+            start = file.read(8)
+    except OSError as error:
+        raise StrataError(f"cannot read '{path}': {error.strerror or error}") from None
+    if not start.startswith(_MAGIC):
+        raise StrataError(f"'{path}' is not a Blender file")
+    try:
+        with _silent():
+            bpy.ops.wm.open_mainfile(filepath=path, load_ui=False, use_scripts=False)
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1].rpartition(": ")[2]
+        raise StrataError(f"cannot read '{path}': {reason}") from None
+
+
+def choose(
+    scene: str | None = None,
+    view_layer: str | None = None,
+    camera: str | None = None,
+    frames: Iterable[int] | None = None,
+) -> Chosen:
+    """Looks names up in the open file. Without them: the active scene, its first view layer that renders, the
+    scene's camera and current frame. Raises StrataError for a name that is not there, a scene without a
+    camera, and frames outside the scene's range."""
+    found = bpy.context.scene if scene is None else _named(bpy.data.scenes, scene, "scene", "file")
+    if view_layer is None:
+        layer = next((layer for layer in found.view_layers if layer.use), found.view_layers[0])
+    else:
+        layer = _named(found.view_layers, view_layer, "view layer", f"scene '{found.name}'")
+    if camera is not None:
+        shown = _named(bpy.data.objects, camera, "camera", "file")
+        if shown.type != "CAMERA":
+            raise StrataError(f"'{camera}' is not a camera")
+    elif found.camera is None and not any(marker.camera for marker in found.timeline_markers):
+        raise StrataError(f"scene '{found.name}' has no camera")
+    if frames is None:
+        return Chosen(found, layer, camera, (found.frame_current,))
+    frames = tuple(frames)
+    start, end = found.frame_start, found.frame_end
+    outside = [frame for frame in frames if not start <= frame <= end]
+    if not frames or outside:
+        asked = f"frame {outside[0]} is outside" if outside else "no frame is inside"
+        raise StrataError(f"{asked} scene '{found.name}', which runs from {start} to {end}")
+    return Chosen(found, layer, camera, frames)
+
+
+def _named(collection, name: str, what: str, where: str):
+    found = collection.get(name)
+    if found is None:
+        known = ", ".join(
+            f"'{each.name}'" for each in collection if what != "camera" or each.type == "CAMERA"
+        )
+        raise StrataError(f"{where} has no {what} '{name}' (it has {known or 'none'})")
+    return found
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Turns standard output away: an operator tells its errors to Python's, and Blender's log goes past it to
+    the file descriptors."""
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        stack.callback(os.close, nowhere)
+        for descriptor in (1, 2):
+            try:
+                kept = os.dup(descriptor)
+            except OSError:  # closed, as in a windowed program
+                continue
+            stack.callback(os.close, kept)
+            stack.callback(os.dup2, kept, descriptor)
+            os.dup2(nowhere, descriptor)
+        yield
