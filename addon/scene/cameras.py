@@ -50,6 +50,39 @@ def camera_of(evaluated: bpy.types.Object) -> Camera:
     )
 
 
+def viewport_camera(view_matrix, window_matrix) -> Camera:
+    """The eye of a 3D viewport by its `RegionView3D` matrices (world to view, view to clip), for an image of
+    the region's proportions."""
+    to_world = np.linalg.inv(matrix_of(view_matrix))
+    clip = matrix_of(window_matrix)
+    orthographic = bool(clip[3, 3])
+    # Rows of OpenGL's matrices: the frustum's, and glOrtho's.
+    width, height = 2.0 / clip[0, 0], 2.0 / clip[1, 1]
+    sign = -1.0 if orthographic else 1.0
+    centre_x = sign * 0.5 * width * (clip[0, 3] if orthographic else clip[0, 2])
+    centre_y = sign * 0.5 * height * (clip[1, 3] if orthographic else clip[1, 2])
+    if orthographic:
+        near, far = (clip[2, 3] + 1.0) / clip[2, 2], (clip[2, 3] - 1.0) / clip[2, 2]
+    else:
+        near, far = clip[2, 3] / (clip[2, 2] - 1.0), clip[2, 3] / (clip[2, 2] + 1.0)
+    return Camera(
+        name="",
+        eye=as_vector(to_world[:3, 3]),
+        right=as_vector(to_world[:3, 0]),
+        up=as_vector(to_world[:3, 1]),
+        forward=as_vector(-to_world[:3, 2]),
+        orthographic=orthographic,
+        lens=1.0 / width,
+        orthographic_scale=width,
+        sensor_fit="HORIZONTAL",
+        sensor_width=1.0,
+        shift_x=centre_x / width,
+        shift_y=centre_y / width,
+        near=near,
+        far=far,
+    )
+
+
 def camera_warnings(evaluated: bpy.types.Object, render: bpy.types.RenderSettings) -> list[str]:
     warnings = []
     if evaluated.data.dof.use_dof:
@@ -64,7 +97,10 @@ def camera_warnings(evaluated: bpy.types.Object, render: bpy.types.RenderSetting
 def frame_size_of(render: bpy.types.RenderSettings) -> tuple[int, int]:
     """Pixels of the whole frame, rounded as BKE_render_resolution does."""
     percentage = render.resolution_percentage
-    return render.resolution_x * percentage // 100, render.resolution_y * percentage // 100
+    size = render.resolution_x * percentage // 100, render.resolution_y * percentage // 100
+    if min(size) < 1:
+        raise StrataError(f"at {percentage}% the image has no pixels")
+    return size
 
 
 def region_of(render: bpy.types.RenderSettings, size: tuple[int, int]) -> tuple[int, int, int, int] | None:
@@ -79,14 +115,14 @@ def region_of(render: bpy.types.RenderSettings, size: tuple[int, int]) -> tuple[
     return region
 
 
-def pixel_filter_of(scene: bpy.types.Scene) -> PixelFilter:
-    """Of the engine that the scene renders with: Cycles has its own, others take the film's Filter Size.
+def pixel_filter_of(scene: bpy.types.Scene, engine: str) -> PixelFilter:
+    """Of the engine (by id) that the scene renders with: Cycles has its own, others the film's Filter Size.
 
     Cycles stretches a Gaussian three-fold and a Blackman-Harris two-fold over its Filter Width
     (`filter_table` in its film.cpp); a box is a pixel wide whatever the setting. EEVEE's is a
     Blackman-Harris of that radius.
     """
-    if scene.render.engine == "CYCLES" and hasattr(scene, "cycles"):
+    if engine == "CYCLES" and hasattr(scene, "cycles"):
         kind = scene.cycles.pixel_filter_type
         if kind == "BOX":
             return PixelFilter(kind, 0.5)

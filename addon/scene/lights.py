@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.emitter import Emitter, EmitterKind
 from ..core.outline import Colour, Light
-from .transforms import as_vector, matrix_of
+from .transforms import are_finite, as_vector, matrix_of
 
 # Below this an area light's spread is raised to it: the normalisation 1 / (tan x - x) has no digits left.
 _SMALLEST_SPREAD = math.radians(0.1)
@@ -27,7 +27,7 @@ def light_of(
 ) -> tuple[Light | None, list[str]]:
     """A light and warnings; None for a light that is left out (the warnings say why)."""
     matrix = matrix_of(matrix)
-    if not np.isfinite(matrix).all():
+    if not are_finite(matrix):
         return None, [f"light '{name}' is left out: its matrix is not finite"]
     if light.type == "AREA" and light.cycles.is_portal:
         return None, [f"light '{name}' is left out: it is a portal"]

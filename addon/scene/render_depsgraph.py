@@ -14,8 +14,17 @@ from collections.abc import Callable, Iterator
 import bpy
 
 from ..core.errors import StrataError
+from .cameras import frame_size_of, region_of
 
 _ENGINE_ID = "STRATA_LOOK"
+
+# What the scene renders with while the engine above stands in for it.
+_replaced_engine: str | None = None
+
+
+def engine_of(scene: bpy.types.Scene) -> str:
+    """The id of the engine that the user chose, inside `with_render_depsgraph` too."""
+    return _replaced_engine or scene.render.engine
 
 
 @contextlib.contextmanager
@@ -61,8 +70,10 @@ def with_render_depsgraph[Result](
     """Calls `look(depsgraph)` with the scene evaluated for rendering, and returns what it returns.
 
     Nothing taken from the depsgraph outlives the call: copy arrays inside `look`. What it raises is raised
-    here. The scene's settings, frame and camera, and the last render, stay as they were.
+    here. The scene's settings, frame and camera, and the last render, stay as they were; handlers that other
+    add-ons hang on renders do run.
     """
+    global _replaced_engine
     outcome: list[Result] = []
     failures: list[BaseException] = []
 
@@ -82,7 +93,10 @@ def with_render_depsgraph[Result](
     markers = [m for m in scene.timeline_markers if m.camera is not None] if camera is not None else []
     if camera is None and scene.camera is None and not any(m.camera for m in scene.timeline_markers):
         raise StrataError(f"scene '{scene.name}' has no camera")
+    # Refused here already, since Blender would print it.
+    region_of(scene.render, frame_size_of(scene.render))
     bpy.utils.register_class(LookEngine)
+    _replaced_engine = scene.render.engine
     try:
         with contextlib.ExitStack() as stack:
             stack.enter_context(_spare_render_slot())
@@ -91,7 +105,7 @@ def with_render_depsgraph[Result](
                 _replaced(scene, frame_current=scene.frame_current if frame is None else frame)
             )
             # Nothing that works on the finished image.
-            quiet = ("use_compositing", "use_sequencer", "use_multiview", "use_freestyle")
+            quiet = ("use_compositing", "use_sequencer", "use_freestyle")
             stack.enter_context(_replaced(scene.render, engine=_ENGINE_ID, **dict.fromkeys(quiet, False)))
             for marker in markers:
                 stack.enter_context(_replaced(marker, camera=None))
@@ -109,6 +123,7 @@ def with_render_depsgraph[Result](
                         f"scene '{scene.name}' cannot be evaluated for rendering: {reason}"
                     ) from None
     finally:
+        _replaced_engine = None
         bpy.utils.unregister_class(LookEngine)
     if failures:
         raise failures[0]

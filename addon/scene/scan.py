@@ -8,28 +8,30 @@ import bpy
 import numpy as np
 
 from ..core.errors import StrataError
-from ..core.outline import Bounds, Instance, Light, Material, Mesh, Outline
+from ..core.outline import Bounds, Camera, Instance, Light, Material, Mesh, Outline
 from .cameras import camera_of, camera_warnings, frame_size_of, pixel_filter_of, region_of
 from .light_linking import linked_objects
 from .lights import light_of
 from .materials import Images, default_material, material_of
+from .render_depsgraph import engine_of
 from .transforms import are_usable
 
 # Types that would render but are not read; all others without a mesh (empties, armatures, ...) never render.
 _NOT_READ = {
-    "VOLUME": "volumes",
-    "CURVES": "hair curves",
-    "POINTCLOUD": "point clouds",
-    "GREASEPENCIL": "grease pencil",
+    "VOLUME": "volumes are",
+    "CURVES": "hair curves are",
+    "POINTCLOUD": "point clouds are",
+    "GREASEPENCIL": "grease pencil is",
 }
 
 
 @dataclass(frozen=True)
 class ScanOptions:
-    """`size` in pixels replaces the scene's; `camera` is an object's name and replaces the scene's camera."""
+    """`size` in pixels replaces the scene's. `camera` replaces the scene's: an object's name, or a camera
+    that is no object (`cameras.viewport_camera`), which has neither render region nor pixel aspect."""
 
     size: tuple[int, int] | None = None
-    camera: str | None = None
+    camera: str | Camera | None = None
     seed: int = 0
 
 
@@ -72,7 +74,7 @@ class _Scanner:
 
     def run(self) -> Scan:
         scene = self.depsgraph.scene_eval
-        camera = self._camera_object(scene)
+        view = self._view(scene)
         for instance in self.depsgraph.object_instances:
             shown = instance.object
             if shown.type == "MESH":
@@ -82,50 +84,53 @@ class _Scanner:
             elif shown.type == "LIGHT":
                 self._light(instance, shown)
             elif shown.type in _NOT_READ:
-                self._warn(f"object '{shown.name}': {_NOT_READ[shown.type]} are not read")
-        for warning in camera_warnings(camera, scene.render):
-            self._warn(warning)
+                self._warn(f"object '{shown.name}': {_NOT_READ[shown.type]} not read")
         world = scene.world
         if world is not None and world.node_tree is not None:
             output = world.node_tree.get_output_node("CYCLES")
             if output is not None and output.inputs["Volume"].is_linked:
                 self._warn(f"world '{world.name}': its volume is not read")
-        frame_size = self.options.size or frame_size_of(scene.render)
         instances = self._finished_instances()
         outline = Outline(
             scene_name=scene.name,
             view_layer_name=self.depsgraph.view_layer.name,
             frame=scene.frame_current,
-            frame_size=frame_size,
-            camera=camera_of(camera),
             lights=tuple(self._linked(light, *pair) for light, pair in self._lights_with_objects()),
             instances=instances,
             meshes=tuple(self.meshes),
             materials=tuple(self.materials),
             images=tuple(self.images.headers),
             warnings=tuple(self.warnings),
-            pixel_aspect=(scene.render.pixel_aspect_x, scene.render.pixel_aspect_y),
-            region=region_of(scene.render, frame_size),
-            crop=scene.render.use_border and scene.render.use_crop_to_border,
-            pixel_filter=pixel_filter_of(self.depsgraph.scene),
+            pixel_filter=pixel_filter_of(scene, engine_of(self.depsgraph.scene)),
             working_space=bpy.data.colorspace.working_space,
             seed=self.options.seed,
+            **view,
         )
         return Scan(outline, tuple(self.mesh_sources), tuple(self.images.sources))
 
     def _warn(self, warning: str) -> None:
         self.warnings[warning] = None
 
-    def _camera_object(self, scene: bpy.types.Scene) -> bpy.types.Object:
-        if self.options.camera is None:
-            camera = scene.camera
-            if camera is None:
-                raise StrataError(f"scene '{scene.name}' has no camera")
-        else:
-            camera = bpy.data.objects.get(self.options.camera)
-            if camera is None:
-                raise StrataError(f"there is no camera '{self.options.camera}'")
-        return camera.evaluated_get(self.depsgraph)
+    def _view(self, scene: bpy.types.Scene) -> dict:
+        """Camera, size and region of the outline."""
+        render, asked = scene.render, self.options.camera
+        frame_size = self.options.size or frame_size_of(render)
+        if isinstance(asked, Camera):
+            return {"camera": asked, "frame_size": frame_size}
+        camera = scene.camera if asked is None else bpy.data.objects.get(asked)
+        if camera is None:
+            raise StrataError(f"scene '{scene.name}' has no camera" + (f" '{asked}'" if asked else ""))
+        camera = camera.evaluated_get(self.depsgraph)
+        read = camera_of(camera)
+        for warning in camera_warnings(camera, render):
+            self._warn(warning)
+        return {
+            "camera": read,
+            "frame_size": frame_size,
+            "pixel_aspect": (render.pixel_aspect_x, render.pixel_aspect_y),
+            "region": region_of(render, frame_size),
+            "crop": render.use_border and render.use_crop_to_border,
+        }
 
     # Meshes
 
