@@ -22,5 +22,25 @@ $(VENV)/.kernels: $(VENV)/.packages pyproject.toml kernels/Cargo.toml kernels/Ca
 	$(PYTHON) -m pip install --quiet --no-build-isolation --no-deps --no-index --editable .
 	@touch $@
 
+demo: setup
+	$(PYTHON) scripts/demo.py
+
+test: setup
+	$(PYTHON) -m pytest
+
+# Both formatters and linters; nothing is changed.
+lint: setup
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/ruff check .
+	cd kernels && cargo fmt --check
+	cd kernels && PYO3_PYTHON=$(abspath $(PYTHON)) cargo clippy --locked --all-targets --quiet -- -D warnings
+
+bench: setup
+	$(PYTHON) scripts/bench.py
+
+# dist/strata-<version>-linux_x64.zip, to install from a file in Blender's preferences.
+extension: setup
+	$(PYTHON) scripts/build_extension.py
+
 clean:
 	rm -rf $(VENV) out dist build *.egg-info kernels/target .pytest_cache .ruff_cache

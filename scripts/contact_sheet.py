@@ -28,12 +28,13 @@ def _font(size: int, weight: str = "Regular") -> ImageFont.FreeTypeFont:
     return font
 
 
-def composite(layers: tuple[Layer, ...], lit: dict[str, np.ndarray]) -> np.ndarray:
-    """Linear (height, width, 3): each light's unshadowed diffuse radiance times its shadow layer."""
-    shadows = {layer.light: layer.pixels for layer in layers if layer.channels == "V" and layer.light}
+def composite(layers: tuple[Layer, ...], lit: dict[int, np.ndarray]) -> np.ndarray:
+    """Linear (height, width, 3): each light's unshadowed diffuse radiance, by light index, times its shadow
+    layer."""
+    shadows = {layer.light_index: layer.pixels for layer in layers if layer.channels == "V"}
     total = np.zeros(next(iter(lit.values())).shape, np.float32)
-    for light, radiance in lit.items():
-        visible = shadows[light][:, :, None] if light in shadows else 1.0
+    for index, radiance in lit.items():
+        visible = shadows[index][:, :, None] if index in shadows else 1.0
         total += radiance * (visible * (1.0 - AMBIENT) + AMBIENT)
     return total
 
@@ -70,8 +71,8 @@ def as_picture(layer: Layer) -> Image.Image:
     return Image.fromarray(np.ascontiguousarray((developed if layer.is_colour else srgb)(values)[::-1]))
 
 
-def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[str, np.ndarray]) -> None:
-    """Writes the sheet as PNG. `lit`: each light's unshadowed diffuse radiance, (height, width, 3) linear."""
+def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[int, np.ndarray]) -> None:
+    """Writes the sheet as PNG. `lit`: unshadowed diffuse radiance by light, (height, width, 3) linear."""
     hero = Image.fromarray(np.ascontiguousarray(developed(composite(layer_set.layers, lit))[::-1]))
     aspect = layer_set.height / layer_set.width
     hero_size = (WIDTH - 2 * MARGIN, round((WIDTH - 2 * MARGIN) * aspect))

@@ -247,8 +247,8 @@ def test_contact_sheet_multiplies_each_light_by_its_own_shadow(tmp_path):
 
     shadow = Layer("Soft Shadow Key", "V", np.zeros((HEIGHT, WIDTH), np.float32), "soft_shadow", "Key", 0)
     lit = {
-        "Key": np.full((HEIGHT, WIDTH, 3), 2.0, np.float32),
-        "Fill": np.full((HEIGHT, WIDTH, 3), 3.0, np.float32),  # its layer was left out: nothing shadows it
+        0: np.full((HEIGHT, WIDTH, 3), 2.0, np.float32),
+        1: np.full((HEIGHT, WIDTH, 3), 3.0, np.float32),  # its layer was left out: nothing shadows it
     }
     total = composite((shadow,), lit)
     np.testing.assert_allclose(total, 2.0 * AMBIENT + 3.0, rtol=1e-6)  # float32 sums

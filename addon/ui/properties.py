@@ -1,0 +1,160 @@
+"""Settings in the scene, generated from what the effects declare."""
+
+from __future__ import annotations
+
+import zlib
+from enum import Enum
+from typing import Any
+
+import bpy
+
+from ..bake import Options
+from ..core.effect import Effect
+from ..core.params import ParamSpec
+from ..effects.registry import EFFECTS
+
+_FLOAT_LIMIT = 3.4e38  # of float32, which Blender keeps properties in
+_INT_LIMIT = 2**31 - 1
+# The RNA property type that shows a unit, by ParamSpec.unit; other units are named in the tooltip.
+_SUBTYPES = {"m": ("DISTANCE", "LENGTH"), "rad": ("ANGLE", "ROTATION"), "pixel": ("PIXEL", "NONE")}
+
+
+def title(name: str) -> str:
+    """`max_samples` as a label: Max Samples."""
+    return name.replace("_", " ").title()
+
+
+def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
+    """How the scene wants to be baked: the effects that it has switched on, and its values. A scene that has
+    never seen Strata has everything on, at the defaults.
+
+    `overrides` go over that, except those that are None; `values` goes over it parameter by parameter.
+    Raises StrataError for wrong ones.
+    """
+    settings = scene.strata
+    values = {
+        effect.id: {
+            spec.name: getattr(getattr(settings, effect.id), spec.name) for spec in effect.params.specs()
+        }
+        for effect in EFFECTS
+    }
+    for effect_id, given in (overrides.pop("values", None) or {}).items():
+        values[effect_id] = values.get(effect_id, {}) | given
+    options = {
+        "effects": tuple(effect.id for effect in EFFECTS if getattr(settings, effect.id).enabled),
+        "backend": settings.backend,
+        "samples": settings.samples,
+        "probes": settings.probes,
+    }
+    return Options(values=values, **options | {k: v for k, v in overrides.items() if v is not None})
+
+
+def _tooltip(spec: ParamSpec) -> str:
+    text = spec.doc.rstrip(".")
+    if spec.unit and spec.unit not in _SUBTYPES:
+        text += f" (unit: {spec.unit})"
+    return text + (". More is slower and more exact" if spec.trades_time else "")
+
+
+def _enum_items(kind: type[Enum]) -> list[tuple[str, str, str, int]]:
+    """Numbers made from the words themselves: a file keeps the number, and stays right when a choice is
+    added before another."""
+    return [
+        (word.value, title(word.value), "", zlib.crc32(word.value.encode()) & _INT_LIMIT) for word in kind
+    ]
+
+
+def _ranges(spec: ParamSpec, limit: float) -> dict[str, float]:
+    hard = spec.hard or (-limit, limit)
+    soft = spec.soft or hard
+    clamp = lambda value: max(-limit, min(limit, value))  # noqa: E731
+    return dict(zip(("min", "max", "soft_min", "soft_max"), map(clamp, (*hard, *soft)), strict=True))
+
+
+def _property(spec: ParamSpec):
+    """The bpy property of one parameter."""
+    common = {"name": title(spec.name.removesuffix("_m")), "description": _tooltip(spec)}
+    if issubclass(spec.kind, Enum):
+        return bpy.props.EnumProperty(items=_enum_items(spec.kind), default=spec.default.value, **common)
+    if spec.kind is bool:
+        return bpy.props.BoolProperty(default=spec.default, **common)
+    subtype, unit = _SUBTYPES.get(spec.unit, ("NONE", "NONE"))
+    if spec.kind is int:
+        subtype = "PIXEL" if subtype == "PIXEL" else "NONE"
+        return bpy.props.IntProperty(
+            default=spec.default, subtype=subtype, **_ranges(spec, _INT_LIMIT), **common
+        )
+    return bpy.props.FloatProperty(
+        default=spec.default, subtype=subtype, unit=unit, precision=3, **_ranges(spec, _FLOAT_LIMIT), **common
+    )
+
+
+def _effect_group(effect: Effect) -> type:
+    """The PropertyGroup of an effect: `enabled` and its parameters."""
+    on = bpy.props.BoolProperty(name=effect.title, description=effect.doc.rstrip("."), default=True)
+    properties = {"enabled": on}
+    for spec in effect.params.specs():
+        properties[spec.name] = _property(spec)
+    name = f"Strata{effect.title.replace(' ', '')}Settings"
+    return type(name, (bpy.types.PropertyGroup,), {"__annotations__": properties})
+
+
+def _scene_group(groups: dict[str, type]) -> type:
+    """The PropertyGroup of a scene: how to bake, and a group an effect."""
+    properties = {
+        "backend": bpy.props.EnumProperty(
+            name="Device",
+            description="Where the effects run",
+            items=[
+                ("auto", "Automatic", "The GPU where there is one, the CPU otherwise", 0),
+                ("cpu", "CPU", "Rust kernels on all cores", 1),
+                ("gpu", "GPU", "Compute shaders", 2),
+            ],
+            default="auto",
+        ),
+        "samples": bpy.props.IntProperty(
+            name="Samples",
+            description="Jittered surfaces per pixel. More is slower and has smoother edges",
+            default=8, min=1, max=4096, soft_max=64,
+        ),
+        "probes": bpy.props.IntProperty(
+            name="Error Probes",
+            description="Surface points that each layer's error is measured at; 0 measures nothing",
+            default=2048, min=0, max=1 << 20, soft_max=16384,
+        ),
+        "output": bpy.props.StringProperty(
+            name="Output",
+            description="Multilayer EXR to write; #### is the frame number. Empty writes no file",
+            default="//strata_####.exr", subtype="FILE_PATH", options={"OUTPUT_PATH"},
+        ),
+        "make_images": bpy.props.BoolProperty(
+            name="New Images",
+            description="Also put each layer into a new image of this file",
+            default=True,
+        ),
+    }  # fmt: skip
+    for effect_id, group in groups.items():
+        properties[effect_id] = bpy.props.PointerProperty(type=group)
+    return type("StrataSettings", (bpy.types.PropertyGroup,), {"__annotations__": properties})
+
+
+_registered: list[type] = []
+
+
+def register() -> None:
+    """Makes `scene.strata`; a second time changes nothing."""
+    if _registered:
+        return
+    groups = {effect.id: _effect_group(effect) for effect in EFFECTS}
+    for cls in (*groups.values(), _scene_group(groups)):
+        bpy.utils.register_class(cls)
+        _registered.append(cls)
+    bpy.types.Scene.strata = bpy.props.PointerProperty(type=_registered[-1])
+
+
+def unregister() -> None:
+    if not _registered:
+        return
+    del bpy.types.Scene.strata
+    while _registered:
+        bpy.utils.unregister_class(_registered.pop())

@@ -1,0 +1,160 @@
+"""The command line's words, and what may be wrong with them."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+from ..addon.core.errors import StrataError
+
+MOST_FRAMES = 100_000
+LARGEST_SIDE = 65_536
+
+
+class Parser(argparse.ArgumentParser):
+    """Complains in one line, without the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        raise StrataError(message)
+
+
+@dataclass(frozen=True)
+class Placeholder:
+    """A path that may carry the frame number, as `####` in its file name."""
+
+    text: str
+
+    @property
+    def is_numbered(self) -> bool:
+        return "#" in Path(self.text).name
+
+    def path(self, frame: int) -> Path:
+        """The last run of `#` becomes the frame number, padded with zeros to the run's length."""
+        path = Path(self.text)
+        runs = list(re.finditer("#+", path.name))
+        if not runs:
+            return path
+        start, end = runs[-1].span()
+        return path.with_name(f"{path.name[:start]}{frame:0{end - start}d}{path.name[end:]}")
+
+
+def frames(text: str) -> tuple[int, ...]:
+    """`5`, `1-10`, `1,4,8-12`; in order, each once."""
+    found: dict[int, None] = {}
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(-?\d{1,7})(?:-(-?\d{1,7}))?\s*", part)
+        if not match:
+            raise argparse.ArgumentTypeError(f"'{text}' is not frames like 1-10 or 1,4,8-12")
+        first, last = int(match[1]), int(match[2] or match[1])
+        if last < first:
+            raise argparse.ArgumentTypeError(f"frames '{part.strip()}' run backwards")
+        if len(found) + last - first >= MOST_FRAMES:
+            raise argparse.ArgumentTypeError(f"'{text}' is more than {MOST_FRAMES} frames")
+        found.update(dict.fromkeys(range(first, last + 1)))
+    return tuple(found)
+
+
+def size(text: str) -> tuple[int, int]:
+    """`960x540`, pixels."""
+    match = re.fullmatch(r"(\d{1,6})[xX](\d{1,6})", text)
+    if not match or not all(1 <= int(side) <= LARGEST_SIDE for side in match.groups()):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a size like 960x540 (1 to {LARGEST_SIDE} pixels)")
+    return int(match[1]), int(match[2])
+
+
+def whole_number(low: int, high: int):
+    """The type of a flag that takes a whole number in [low, high]."""
+
+    def parse(text: str) -> int:
+        if not re.fullmatch(r"[+-]?\d{1,18}", text) or not low <= int(text) <= high:
+            raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from {low} to {high}")
+        return int(text)
+
+    return parse
+
+
+def names(text: str) -> tuple[str, ...]:
+    """`a,b`; in order, each once."""
+    found = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not found:
+        raise argparse.ArgumentTypeError("no name given")
+    return found
+
+
+def setting(text: str) -> tuple[str, str, str]:
+    """`effect.parameter=value`, in three; what they mean is the effect's to say."""
+    match = re.fullmatch(r"\s*(\w+)\.(\w+)\s*=(.*)", text, re.DOTALL)
+    if not match:
+        raise argparse.ArgumentTypeError(f"'{text}' is not effect.parameter=value")
+    return match[1], match[2], match[3].strip()
+
+
+def nested(settings: list[tuple[str, str, str]]) -> dict[str, dict[str, Any]]:
+    """Values by effect and parameter; the last one counts."""
+    values: dict[str, dict[str, Any]] = {}
+    for effect, parameter, value in settings:
+        values.setdefault(effect, {})[parameter] = value
+    return values
+
+
+def build_parser(needs_scene: bool) -> Parser:
+    """`needs_scene`: inside `blender -b SCENE.blend --command strata`, the scene is already open."""
+    parser = Parser(prog="strata", description="Light and style effects, baked into layers with their error.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="bake|effects|plan")
+    scene = _scene_flags(needs_scene)
+
+    bake = commands.add_parser("bake", parents=[scene], help="bake the layers of a scene into an EXR")
+    bake.add_argument("-o", "--output", required=True, type=Placeholder, metavar="OUT.exr",
+                      help="where to; #### is the frame number")  # fmt: skip
+    bake.add_argument("--backend", choices=("auto", "cpu", "gpu"), help="default: the scene's, or auto")
+    bake.add_argument("--frames", type=frames, metavar="1-10", help="default: the scene's current frame")
+    bake.add_argument("--samples", type=whole_number(1, 4096), metavar="N",
+                      help="surfaces per pixel (default: the scene's, or 8)")  # fmt: skip
+    bake.add_argument("--probes", type=whole_number(0, 1 << 20), metavar="N",
+                      help="points to measure the error at (default: the scene's, or 2048)")  # fmt: skip
+    bake.add_argument(
+        "--seed", type=whole_number(0, 0xFFFFFFFF), default=0, metavar="N", help="of the random numbers"
+    )
+    bake.add_argument("--report", type=Placeholder, metavar="OUT.json", help="times and errors as JSON")
+    bake.add_argument("-q", "--quiet", action="store_true", help="say nothing but what went wrong")
+
+    effects = commands.add_parser("effects", help="what there is, with parameters and ranges")
+    effects.add_argument("--json", action="store_true")
+
+    plan = commands.add_parser("plan", parents=[scene], help="what would run, what is left out and why")
+    plan.add_argument("--json", action="store_true")
+    return parser
+
+
+def _scene_flags(needs_scene: bool) -> argparse.ArgumentParser:
+    flags = argparse.ArgumentParser(add_help=False)
+    flags.add_argument("scene_file", nargs=None if needs_scene else "?", metavar="SCENE.blend")
+    flags.add_argument(
+        "--effects", type=names, metavar="a,b", help="default: those the scene has switched on"
+    )
+    flags.add_argument("--scene", metavar="S", help="default: the file's active scene")
+    flags.add_argument("--view-layer", metavar="V", help="default: the scene's first that renders")
+    flags.add_argument("--camera", metavar="C", help="default: the scene's camera")
+    flags.add_argument("--size", type=size, metavar="960x540", help="default: the scene's")
+    flags.add_argument("--set", type=setting, action="append", default=[], metavar="EFFECT.PARAMETER=VALUE",
+                       help="may be given several times; goes over what the scene has set")  # fmt: skip
+    return flags
+
+
+def check_outputs(arguments: argparse.Namespace, frame_list: tuple[int, ...]) -> None:
+    """Raises StrataError where outputs would overwrite one another, or the scene."""
+    output, report = arguments.output, arguments.report
+    if Path(output.text).suffix.lower() != ".exr":
+        raise StrataError(f"-o: '{output.text}' does not end in .exr")
+    for flag, target in (("-o", output), ("--report", report)):
+        if target and len(frame_list) > 1 and not target.is_numbered:
+            raise StrataError(f"{flag}: several frames need #### in '{target.text}' for the frame number")
+    if report:
+        path = report.path(frame_list[0]).absolute()
+        taken = [output.path(frame_list[0]).absolute()]
+        taken += [Path(arguments.scene_file).absolute()] if arguments.scene_file else []
+        if path in taken:
+            raise StrataError(f"--report: '{report.text}' is already the name of another file of this bake")

@@ -1,0 +1,188 @@
+"""The operators behind the panel's buttons."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ..addon.bake import Baked, BakeJob, read_scene
+from ..addon.core.errors import Cancelled, StrataError
+from ..addon.layers.exr import write_layers
+from ..addon.layers.files import check_writable
+from ..addon.layers.images import make_images
+from ..addon.ui.properties import options_of
+from ..addon.ui.registration import Classes
+from ..addon.ui.state import STATE, PlanRow
+from .arguments import Placeholder
+from .job import Runner, run_to_end
+from .planning import nothing_to_bake, read_plan
+
+TIMER_SECONDS = 0.05
+SLICE_SECONDS = 0.04  # of the main thread's time between two events, where a GPU bakes
+
+
+class STRATA_OT_bake(bpy.types.Operator):
+    """Bake a layer for each light and effect, with its measured error. Esc cancels"""
+
+    bl_idname = "strata.bake"
+    bl_label = "Bake Layers"
+    bl_options = {"UNDO"}  # it makes images; REGISTER would bake again on every change in the redo panel
+
+    filepath: bpy.props.StringProperty(
+        name="File Path",
+        description="Multilayer EXR to write instead of the scene's Strata output",
+        subtype="FILE_PATH",
+        options={"SKIP_SAVE"},
+    )
+
+    @classmethod
+    def poll(cls, context):
+        if STATE.is_baking:
+            cls.poll_message_set("A bake is running")
+        return not STATE.is_baking
+
+    def execute(self, context):
+        """To the end, for scripts and in background."""
+        try:
+            job = self._prepare(context)
+            if job is None:
+                return {"CANCELLED"}
+            return self._finished(run_to_end(job, finish=self._write))
+        except (StrataError, Cancelled) as error:
+            return self._failed(error)
+
+    def invoke(self, context, event):
+        try:
+            job = self._prepare(context)
+            if job is None:
+                return {"CANCELLED"}
+            self._runner = Runner(job, self._write)
+        except StrataError as error:
+            return self._failed(error)
+        STATE.is_baking = True
+        manager = context.window_manager
+        self._timer = manager.event_timer_add(TIMER_SECONDS, window=context.window)
+        manager.modal_handler_add(self)
+        self._show(context)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type == "ESC" and event.value == "PRESS":
+            self._runner.cancel()
+            return {"RUNNING_MODAL"}
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        try:
+            baked = self._runner.step(SLICE_SECONDS if self._runner.job.needs_main_thread else 0.0)
+        except (StrataError, Cancelled) as error:
+            self._end(context)
+            return self._failed(error)
+        except BaseException:
+            self._end(context)
+            raise
+        if baked is None:
+            self._show(context)
+            return {"PASS_THROUGH"}
+        self._end(context)
+        return self._finished(baked)
+
+    def cancel(self, context):
+        """Blender ends the operator itself, as when another file is opened."""
+        self._end(context)
+
+    def _prepare(self, context) -> BakeJob | None:
+        """Reads the scene, on the main thread; None if there is nothing to bake."""
+        scene = context.scene
+        self._scene_id = scene.session_uid
+        self._wants_images = scene.strata.make_images
+        self._path = _output(scene, self.filepath)
+        if self._path:
+            check_writable(self._path)
+        options = options_of(scene)
+        outline, graph, arrays, seconds = read_scene(scene, context.view_layer, options)
+        if reason := nothing_to_bake(graph):
+            self.report({"WARNING"}, reason[0].upper() + reason[1:])
+            return None
+        return BakeJob(outline, graph, arrays, options, read_seconds=seconds)
+
+    def _write(self, baked: Baked) -> None:
+        """On the worker thread: nothing of Blender may be touched here."""
+        if self._path:
+            write_layers(self._path, baked.layers)
+
+    def _finished(self, baked: Baked):
+        if self._wants_images:
+            make_images(baked.layers)
+        STATE.report, STATE.report_of = baked.layers.report, self._scene_id
+        where = f" to {self._path}" if self._path else ""
+        seconds = baked.layers.report["seconds"]
+        self.report({"INFO"}, f"Baked {len(baked.layers.layers)} layers in {seconds:.1f} s{where}")
+        return {"FINISHED"}
+
+    def _failed(self, error: Exception):
+        if isinstance(error, Cancelled):
+            self.report({"INFO"}, "Bake cancelled, nothing written")
+        else:
+            self.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
+
+    def _show(self, context) -> None:
+        job = self._runner.job
+        STATE.share, STATE.stage = job.progress, job.stage
+        context.workspace.status_text_set(f"Strata: {job.stage}, {100 * job.progress:.0f}%   Esc: Cancel")
+        _redraw(context)
+
+    def _end(self, context) -> None:
+        self._runner.stop()
+        STATE.is_baking = False
+        context.window_manager.event_timer_remove(self._timer)
+        context.workspace.status_text_set(None)
+        _redraw(context)
+
+
+class STRATA_OT_plan(bpy.types.Operator):
+    """Look through the scene and say which layers a bake would make, and what it would leave out and why"""
+
+    bl_idname = "strata.plan"
+    bl_label = "Refresh Plan"
+    bl_options = {"REGISTER"}
+
+    def execute(self, context):
+        try:
+            _, graph = read_plan(context.scene, context.view_layer, options_of(context.scene))
+        except StrataError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        kept = [PlanRow(layer.light, layer.name, True) for layer in graph.layers]
+        left_out = [PlanRow(entry.light, entry.reason, False) for entry in graph.left_out]
+        STATE.plan, STATE.plan_of = (*kept, *left_out), context.scene.session_uid
+        _redraw(context)
+        return {"FINISHED"}
+
+
+def _output(scene: bpy.types.Scene, given: str) -> Path | None:
+    """Where to write; None for images only. Raises StrataError."""
+    text = given or scene.strata.output
+    if not text:
+        if not scene.strata.make_images:
+            raise StrataError("nowhere to put the layers: choose an output or new images")
+        return None
+    if text.startswith("//") and not bpy.data.filepath:
+        raise StrataError("the output is beside the Blender file, which was never saved: save it first")
+    text = text if text.lower().endswith(".exr") else f"{text}.exr"
+    return Placeholder(bpy.path.abspath(text)).path(scene.frame_current)
+
+
+def _redraw(context) -> None:
+    """The sidebars only: the views themselves have not changed."""
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                for region in area.regions:
+                    if region.type == "UI":
+                        region.tag_redraw()
+
+
+_classes = Classes(STRATA_OT_bake, STRATA_OT_plan)
+register, unregister = _classes.register, _classes.unregister

@@ -1,0 +1,232 @@
+"""The command line: `python -m strata ...`, and `blender -b SCENE.blend --command strata ...`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from enum import Enum
+from typing import Any, TextIO
+
+from ..addon.core.effect import Effect
+from ..addon.core.errors import Cancelled, DeviceUnavailable, StrataError
+from ..addon.effects.registry import EFFECTS
+from .arguments import build_parser, check_outputs, nested
+from .terminal import Progress, clean_stdout, interruptible
+
+OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
+
+
+def main(words: Sequence[str] | None = None, in_blender: bool = False) -> int:
+    """Runs one command; the exit code. `in_blender`: a file may be open already."""
+    with clean_stdout() as out, interruptible():
+        try:
+            arguments = _parse(words, in_blender, out)
+            return 0 if arguments is None else _COMMANDS[arguments.command](arguments, out)
+        except (StrataError, DeviceUnavailable, MemoryError) as error:
+            reason = "not enough memory" if isinstance(error, MemoryError) else error
+            print(f"strata: {' '.join(str(reason).split())}", file=sys.stderr)
+            return BAD_INPUT
+        except (KeyboardInterrupt, Cancelled):
+            print("strata: interrupted", file=sys.stderr)
+            return INTERRUPTED
+
+
+def blender_command(words: list[str]) -> int:
+    """What `blender --command strata` calls."""
+    return main(words, in_blender=True)
+
+
+def _parse(words: Sequence[str] | None, in_blender: bool, out: TextIO) -> argparse.Namespace | None:
+    """None after `--help`, which argparse prints to sys.stdout."""
+    stdout, sys.stdout = sys.stdout, out
+    try:
+        return build_parser(needs_scene=not in_blender).parse_args(words)
+    except SystemExit:
+        return None
+    finally:
+        sys.stdout = stdout
+
+
+# strata effects
+
+
+def _effects(arguments: argparse.Namespace, out: TextIO) -> int:
+    if arguments.json:
+        print(json.dumps([describe(effect) for effect in EFFECTS], indent=1), file=out)
+        return OK
+    for effect in EFFECTS:
+        print(f"{effect.id}: {effect.doc}", file=out)
+        for spec in effect.params.specs():
+            print(f"  {effect.id}.{spec.name} = {_plain(spec.default)}  {_accepts(spec)}", file=out)
+            print(f"      {spec.doc}", file=out)
+    return OK
+
+
+def describe(effect: Effect) -> dict[str, Any]:
+    """An effect's declaration as plain values."""
+    layers = [{**asdict(kind), "metric": kind.metric.value} for kind in effect.layers]
+    params = [
+        {
+            "name": spec.name,
+            "type": "choice" if spec.choices else spec.kind.__name__,
+            "default": _plain(spec.default),
+            "choices": list(spec.choices),
+            "hard": spec.hard,
+            "soft": spec.soft,
+            "unit": spec.unit,
+            "trades_time": spec.trades_time,
+            "doc": spec.doc,
+        }
+        for spec in effect.params.specs()
+    ]
+    declared = {"id": effect.id, "title": effect.title, "doc": effect.doc, "source": effect.source}
+    return {**declared, "layers": layers, "params": params}
+
+
+def _plain(value: Any) -> Any:
+    return value.value if isinstance(value, Enum) else value
+
+
+def _accepts(spec) -> str:
+    if spec.choices:
+        return "one of " + ", ".join(spec.choices)
+    words = [f"{spec.hard[0]:g} to {spec.hard[1]:g}"] if spec.hard else []
+    return f"({' '.join([*words, spec.unit]).strip() or spec.kind.__name__})"
+
+
+# Commands that open a scene
+
+
+@contextmanager
+def _properties() -> Iterator[None]:
+    """`scene.strata`, also where the extension is not enabled (the pip-installed Blender)."""
+    try:
+        import bpy
+    except ImportError:
+        raise StrataError("Blender's Python module is missing: pip install bpy") from None
+    from ..addon.ui import properties
+
+    if hasattr(bpy.types.Scene, "strata"):
+        yield
+        return
+    properties.register()
+    try:
+        yield
+    finally:
+        properties.unregister()
+
+
+def _open(arguments: argparse.Namespace):
+    """Opens the file and chooses what of it to bake."""
+    import bpy
+
+    from ..addon.scene.open import choose, open_blend
+
+    if arguments.scene_file:
+        open_blend(arguments.scene_file)
+    elif not bpy.data.filepath:
+        raise StrataError("no scene: give SCENE.blend")
+    frames = getattr(arguments, "frames", None)
+    return choose(arguments.scene, arguments.view_layer, arguments.camera, frames)
+
+
+def _camera(chosen):
+    import bpy
+
+    return bpy.data.objects[chosen.camera] if chosen.camera else None
+
+
+def _plan(arguments: argparse.Namespace, out: TextIO) -> int:
+    from ..addon.bake import Options
+    from ..addon.ui.properties import options_of
+    from .planning import described_plan, read_plan
+
+    given = {"effects": arguments.effects, "values": nested(arguments.set)}
+    Options(**given).chosen()  # wrong words are found before a large file is opened
+    with _properties():
+        chosen = _open(arguments)
+        options = options_of(chosen.scene, **given)
+        plan = described_plan(
+            *read_plan(chosen.scene, chosen.view_layer, options, _camera(chosen), arguments.size)
+        )
+    if arguments.json:
+        print(json.dumps(plan, indent=1, ensure_ascii=False), file=out)
+        return OK
+    for layer in plan["layers"]:
+        print(f"{layer['name']}: {' > '.join(layer['steps'])}", file=out)
+    for entry in plan["left_out"]:
+        print(f"left out: {entry['what']}: {entry['reason']}", file=out)
+    for warning in plan["warnings"]:
+        print(f"warning: {warning}", file=out)
+    return OK
+
+
+def _bake(arguments: argparse.Namespace, out: TextIO) -> int:
+    from ..addon.bake import Options
+    from ..addon.ui.properties import options_of
+
+    given = {name: getattr(arguments, name) for name in ("effects", "backend", "samples", "probes", "seed")}
+    given["values"] = nested(arguments.set)
+    # What can be wrong is found before a large file is opened, and long before the work is done.
+    Options(**{name: value for name, value in given.items() if value is not None}).chosen()
+    frames = arguments.frames or (0,)
+    check_outputs(arguments, frames)
+    _check_targets(arguments, frames)
+    with _properties():
+        chosen = _open(arguments)
+        options = options_of(chosen.scene, **given)
+        for frame in chosen.frames:
+            _bake_frame(arguments, chosen, frame, options, out)
+    return OK
+
+
+def _check_targets(arguments: argparse.Namespace, frames: tuple[int, ...]) -> None:
+    from ..addon.layers.files import check_writable
+
+    for frame in frames:
+        for target in (arguments.output, arguments.report):
+            if target:
+                check_writable(target.path(frame))
+
+
+def _bake_frame(arguments: argparse.Namespace, chosen, frame: int, options, out: TextIO) -> None:
+    from ..addon.bake import BakeJob, read_scene
+    from ..addon.measure.report import format_table
+    from .job import run_to_end
+    from .planning import nothing_to_bake
+
+    outline, graph, arrays, seconds = read_scene(
+        chosen.scene, chosen.view_layer, options, frame, _camera(chosen), arguments.size
+    )
+    if reason := nothing_to_bake(graph):
+        if not arguments.quiet:
+            print(f"strata: frame {frame}: {reason}", file=sys.stderr)
+        return
+    progress = Progress(sys.stderr, f"frame {frame}", arguments.quiet)
+    try:
+        job = BakeJob(outline, graph, arrays, options, read_seconds=seconds)
+        baked = run_to_end(job, lambda baked: _write(arguments, frame, baked), progress.show)
+    finally:
+        progress.clear()
+    if not arguments.quiet:
+        print(format_table(baked.report), file=out)
+        print(f"wrote {arguments.output.path(frame)}", file=out)
+        out.flush()
+
+
+def _write(arguments: argparse.Namespace, frame: int, baked) -> None:
+    from ..addon.layers.exr import write_layers
+    from ..addon.layers.files import replaced
+
+    write_layers(arguments.output.path(frame), baked.layers)
+    if arguments.report:
+        text = json.dumps(baked.layers.report, indent=1, ensure_ascii=False, allow_nan=False)
+        with replaced(arguments.report.path(frame)) as stream:
+            stream.write(text.encode() + b"\n")
+
+
+_COMMANDS = {"bake": _bake, "effects": _effects, "plan": _plan}

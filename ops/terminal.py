@@ -1,0 +1,97 @@
+"""What a command says, where: results on stdout, progress and trouble on stderr."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TextIO
+
+QUIET_SECONDS = 2.0  # between progress lines where there is no terminal
+REDRAW_SECONDS = 0.1
+
+
+@contextmanager
+def clean_stdout() -> Iterator[TextIO]:
+    """The real stdout, while whatever Blender prints to file descriptor 1 goes nowhere: JSON stays JSON."""
+    sys.stdout.flush()
+    saved = os.dup(1)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.close(nowhere)
+    out = os.fdopen(os.dup(saved), "w", encoding="utf-8", errors="replace")
+    try:
+        yield out
+        out.flush()
+    finally:
+        try:
+            out.close()
+        except BrokenPipeError:
+            pass  # the reader has gone; its business
+        finally:
+            sys.stdout.flush()
+            os.dup2(saved, 1)
+            os.close(saved)
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Ctrl-C and a farm's SIGTERM raise KeyboardInterrupt, also in Blender, which takes SIGINT for itself."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    for number in before:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler if handler is not None else signal.SIG_DFL)
+
+
+class Progress:
+    """A bar with the time left on a terminal, now and then a line elsewhere, nothing if `quiet`."""
+
+    def __init__(self, stream: TextIO, title: str, quiet: bool = False):
+        self._stream = stream
+        self._title = title
+        self._quiet = quiet
+        self._live = stream.isatty()
+        self._started = self._said = time.monotonic()
+        self._line = ""
+
+    def show(self, fraction: float, doing: str) -> None:
+        now = time.monotonic()
+        wait = REDRAW_SECONDS if self._live else QUIET_SECONDS
+        if self._quiet or now - self._said < wait:
+            return
+        self._said = now
+        left = time_left(fraction, now - self._started)
+        if not self._live:
+            print(f"{self._title}: {100 * fraction:3.0f}%{left and ', ' + left}, {doing}", file=self._stream)
+            self._stream.flush()
+            return
+        columns = shutil.get_terminal_size().columns
+        cells = max(min(columns - 60, 30), 8)
+        done = round(cells * fraction)
+        line = f"{self._title} [{'#' * done}{'.' * (cells - done)}] {100 * fraction:3.0f}% {left:<12} {doing}"
+        self._line = line[: columns - 1]
+        self._stream.write(f"\r\x1b[K{self._line}")
+        self._stream.flush()
+
+    def clear(self) -> None:
+        """Takes the bar away, so that what comes next stands on a line of its own."""
+        if self._line:
+            self._stream.write("\r\x1b[K")
+            self._stream.flush()
+            self._line = ""
+
+
+def time_left(fraction: float, seconds: float) -> str:
+    """`12 s left`, once enough has been done to tell."""
+    if fraction < 0.02 or fraction >= 1.0:
+        return ""
+    left = seconds * (1.0 - fraction) / fraction
+    return f"{left:.0f} s left" if left < 100 else f"{left / 60:.0f} min left"
