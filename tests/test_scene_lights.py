@@ -199,6 +199,14 @@ CASES = {
 }
 
 
+def test_colour_and_temperature_are_in_the_working_space(plane_scene):
+    bpy.ops.wm.set_working_color_space(working_space="ACEScg")
+    add_light(plane_scene, **{**CASES["temperature"], "size": 1e-3})
+    (light,) = scanned(plane_scene).lights
+    ours = irradiance(light, pixel_points()[4, 4]) / math.pi
+    assert ours == pytest.approx(cycles_image(plane_scene)[4, 4], rel=5e-3)
+
+
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 def test_radiance_is_that_of_cycles(plane_scene, case):
     add_light(plane_scene, **case)

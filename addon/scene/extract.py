@@ -77,7 +77,7 @@ def _mesh_arrays(
     corner_vertices = _read(mesh.attributes[".corner_vert"].data, "value", np.int32, corner_count)
     normals = None
     if want_normals and mesh.normals_domain != "FACE":
-        normals = _corner_normals(mesh, corner_vertices)
+        normals = _corner_normals(mesh, corner_count)
     uvs = None
     if want_uv:
         layer = next((layer for layer in mesh.uv_layers if layer.active_render), None)
@@ -113,13 +113,9 @@ def _face_starts(mesh: bpy.types.Mesh) -> np.ndarray:
     return starts
 
 
-def _corner_normals(mesh: bpy.types.Mesh, corner_vertices: np.ndarray) -> np.ndarray:
-    """(C, 3) f32. Normals that are not finite (of a broken or edgeless corner) become zero: no normal."""
-    if mesh.normals_domain == "POINT":
-        vertex_normals = _read(mesh.vertex_normals, "vector", np.float32, len(mesh.vertices), 3)
-        normals = np.take(vertex_normals, corner_vertices, axis=0)
-    else:
-        normals = _read(mesh.corner_normals, "vector", np.float32, len(corner_vertices), 3)
+def _corner_normals(mesh: bpy.types.Mesh, corner_count: int) -> np.ndarray:
+    """(C, 3) f32. Normals that are not finite, at a broken corner, become zero: no normal."""
+    normals = _read(mesh.corner_normals, "vector", np.float32, corner_count, 3)
     if not np.isfinite(np.dot(normals.ravel(), normals.ravel())):
         np.nan_to_num(normals, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
     return normals
@@ -147,7 +143,7 @@ def _textures(scan: Scan, wants: Collection[str], warnings: list[str]) -> dict[i
         if pixels is None:
             warnings.append(f"material '{material_name}': image '{header.name}' cannot be read")
             continue
-        texels, warning = channel_of(pixels, image, header.channel, outline.working_space)
+        texels, warning = channel_of(pixels, image, header.channel)
         textures[index] = texels
         if warning:
             warnings.append(f"material '{material_name}': {warning}")

@@ -3,28 +3,12 @@
 from __future__ import annotations
 
 import bpy
+import mathutils
 import numpy as np
 
-# CIE XYZ of a linear RGB working space (IEC 61966-2-1, ITU-R BT.2020, S-2014-004 adapted to D65 by Bradford).
+# Of Rec.709, as Blender turns a colour into a float in a Rec.709 file.
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
-_FROM_REC709 = {
-    "Linear Rec.709": np.eye(3),
-    "Linear Rec.2020": np.array(
-        [
-            [0.62740390, 0.32928304, 0.04331307],
-            [0.06909729, 0.91954040, 0.01136232],
-            [0.01639144, 0.08801331, 0.89559525],
-        ]
-    ),
-    "ACEScg": np.array(
-        [
-            [0.61309740, 0.33952315, 0.04737945],
-            [0.07019373, 0.91635388, 0.01345239],
-            [0.02061559, 0.10956977, 0.86981463],
-        ]
-    ),
-}
-_DATA = {"Non-Color", "Linear Rec.709", "Linear", "Raw", "Generic Data"}
+_LINEAR_REC709 = {"Linear Rec.709", "Linear"}
 
 
 def pixels_of(image: bpy.types.Image) -> np.ndarray | None:
@@ -46,36 +30,37 @@ def pixels_of(image: bpy.types.Image) -> np.ndarray | None:
     return whole
 
 
-def channel_of(
-    pixels: np.ndarray, image: bpy.types.Image, channel: str, working_space: str
-) -> tuple[np.ndarray, str]:
-    """'ALPHA' and 'LUMINANCE' (H, W) f32, 'COLOR' (H, W, 4) f32, scene-linear; and a warning or ''."""
+def channel_of(pixels: np.ndarray, image: bpy.types.Image, channel: str) -> tuple[np.ndarray, str]:
+    """'ALPHA' and 'LUMINANCE' (H, W) f32, 'COLOR' (H, W, 4) f32 in the working space; a warning or ''."""
     if channel == "ALPHA":
         if image.alpha_mode == "NONE":
             return np.ones(pixels.shape[:2], np.float32), ""
         return np.ascontiguousarray(pixels[..., 3]), ""
-    colours, warning = _scene_linear(pixels[..., :3], image, working_space)
+    colours, warning = _scene_linear(pixels[..., :3], image)
     if channel == "LUMINANCE":
         return np.ascontiguousarray(colours @ _LUMINANCE), warning
     return np.concatenate([colours, pixels[..., 3:]], axis=2), warning
 
 
-def _scene_linear(colours: np.ndarray, image: bpy.types.Image, working_space: str) -> tuple[np.ndarray, str]:
+def _scene_linear(colours: np.ndarray, image: bpy.types.Image) -> tuple[np.ndarray, str]:
     # Blender converts float images when it loads them; byte images keep what the file says.
     space = image.colorspace_settings.name
-    if image.is_float or space == "Non-Color":
-        return colours.copy(), ""
+    if image.is_float or image.colorspace_settings.is_data:
+        return colours, ""
     warning = ""
-    if space not in _DATA:
+    if space not in _LINEAR_REC709:
         if space != "sRGB":
             warning = f"image '{image.name_full}' has colour space '{space}', it is read as sRGB"
+        # IEC 61966-2-1.
         low = colours / 12.92
         high = ((np.maximum(colours, 0.04045) + 0.055) / 1.055) ** 2.4
         colours = np.where(colours <= 0.04045, low, high).astype(np.float32)
-    matrix = _FROM_REC709.get(working_space)
-    if matrix is None:
-        return (
-            colours,
-            warning or f"working space '{working_space}' is not known, textures are left in Rec.709",
-        )
-    return (colours @ matrix.T.astype(np.float32)).astype(np.float32), warning
+    return colours @ _working_primaries(), warning
+
+
+def _working_primaries() -> np.ndarray:
+    """(3, 3) f32: rows are Rec.709's red, green and blue in the file's working space, told by Blender."""
+    return np.array(
+        [mathutils.Color(unit).from_rec709_linear_to_scene_linear()[:] for unit in np.eye(3).tolist()],
+        np.float32,
+    )
