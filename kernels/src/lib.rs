@@ -7,6 +7,7 @@ pub mod cancel;
 pub mod emitter;
 pub mod geometry;
 pub mod raster;
+pub mod rays;
 pub mod triangulate;
 pub mod view;
 
@@ -17,5 +18,7 @@ fn strata_kernels(module: &Bound<'_, PyModule>) -> PyResult<()> {
     cancel::register(module)?;
     geometry::register(module)?;
     raster::register(module)?;
+    emitter::register(module)?;
+    rays::register(module)?;
     Ok(())
 }

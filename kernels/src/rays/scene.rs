@@ -1,0 +1,405 @@
+//! Geometry prepared for rays: one tree over everything that was flattened, and a tree of instances.
+
+use super::bvh::{Bounds, Bvh, Leaf, MAX_PRIMITIVES, Nearest};
+use super::lanes::{LANES, Lanes};
+use super::packet::{HIT, Packet, WIDENING};
+use super::triangle::{HAS_CUTOUT, Triangle};
+use crate::geometry::{Data, Instance, Mesh};
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Meshes used several times are copied into the flat tree as long as it stays below this many triangles
+/// (84 bytes each, with their share of the tree): one tree is faster to walk than two levels.
+const FLAT_BUDGET: usize = 4_000_000;
+
+/// A tree over triangles, in the order of its leaves.
+struct Triangles {
+    bvh: Bvh,
+    triangles: Vec<Triangle>,
+}
+
+impl Triangles {
+    fn build(triangles: Vec<Triangle>) -> Self {
+        let bounds: Vec<Bounds> = triangles
+            .par_iter()
+            .map(|t| {
+                let over = |f: fn(f32, f32) -> f32| {
+                    [0, 1, 2].map(|axis| f(f(t.corners[0][axis], t.corners[1][axis]), t.corners[2][axis]))
+                };
+                Bounds(over(f32::min), over(f32::max))
+            })
+            .collect();
+        let (bvh, order) = Bvh::build(&bounds);
+        Triangles {
+            bvh,
+            triangles: order.into_iter().map(|i| triangles[i as usize]).collect(),
+        }
+    }
+}
+
+/// An instance that was not flattened.
+struct Placed {
+    instance: u32,
+    tree: usize,
+    /// Relative to the origin, to object space relative to the tree's own centre; in float64.
+    inverse: [[f64; 4]; 3],
+}
+
+pub struct Scene {
+    pub origin: [f64; 3],
+    pub data: Arc<Data>,
+    flat: Triangles,
+    trees: Vec<Triangles>,
+    placed: Vec<Placed>,
+    top: Bvh,
+}
+
+type Matrix = [[f64; 4]; 3];
+
+fn apply(m: &Matrix, p: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|i| m[i][0] * p[0] + m[i][1] * p[1] + m[i][2] * p[2] + m[i][3])
+}
+
+/// None for a singular matrix.
+fn inverted(m: &Matrix) -> Option<Matrix> {
+    let minor = |r0: usize, c0: usize, r1: usize, c1: usize| m[r0][c0] * m[r1][c1] - m[r0][c1] * m[r1][c0];
+    let adjugate = [
+        [minor(1, 1, 2, 2), -minor(0, 1, 2, 2), minor(0, 1, 1, 2)],
+        [-minor(1, 0, 2, 2), minor(0, 0, 2, 2), -minor(0, 0, 1, 2)],
+        [minor(1, 0, 2, 1), -minor(0, 0, 2, 1), minor(0, 0, 1, 1)],
+    ];
+    let determinant = m[0][0] * adjugate[0][0] + m[0][1] * adjugate[1][0] + m[0][2] * adjugate[2][0];
+    let scale = m
+        .iter()
+        .map(|row| row[..3].iter().fold(0.0, |s: f64, x| s.max(x.abs())))
+        .product::<f64>();
+    // The negation also turns away NaN.
+    #[allow(clippy::neg_cmp_op_on_partial_ord)]
+    if !(determinant.abs() > 1e-12 * scale) || !determinant.is_normal() {
+        return None;
+    }
+    let mut result = [[0.0; 4]; 3];
+    for row in 0..3 {
+        for column in 0..3 {
+            result[row][column] = adjugate[row][column] / determinant;
+        }
+        result[row][3] = -(result[row][0] * m[0][3] + result[row][1] * m[1][3] + result[row][2] * m[2][3]);
+    }
+    Some(result)
+}
+
+/// Stacks of the walks, kept from packet to packet.
+#[derive(Default)]
+pub struct Scratch {
+    outer: Vec<u32>,
+    inner: Vec<u32>,
+}
+
+fn is_cut_out(data: &Data, instance: &Instance) -> bool {
+    let clips = |&m: &u32| data.cutouts[m as usize].threshold > 0.0;
+    instance.slot_materials.iter().any(clips)
+}
+
+impl Scene {
+    /// `casters`: one a instance, zero leaves the instance out; empty: all are in.
+    pub fn build(data: Arc<Data>, origin: [f64; 3], casters: &[u8]) -> Result<Self, &'static str> {
+        let mut users = vec![0usize; data.meshes.len()];
+        let is_in = |index: usize| casters.is_empty() || casters[index] != 0;
+        for (index, instance) in data.instances.iter().enumerate() {
+            users[instance.mesh] += usize::from(is_in(index));
+        }
+        // Single-use meshes first, then the others, the smallest totals first, as far as the budget goes.
+        let mut order: Vec<usize> = (0..users.len()).filter(|&m| users[m] > 0).collect();
+        let total = |mesh: usize| users[mesh] * data.meshes[mesh].triangles.len();
+        order.sort_by_key(|&mesh| (users[mesh] > 1, total(mesh)));
+        let mut flattened = vec![false; users.len()];
+        let mut sum = 0;
+        for mesh in order {
+            sum += total(mesh);
+            flattened[mesh] = users[mesh] == 1 || sum <= FLAT_BUDGET;
+        }
+
+        let mut flat = Vec::new();
+        let mut trees = Vec::new();
+        let mut tree_of_mesh: Vec<Option<(usize, [f64; 3])>> = vec![None; users.len()];
+        let mut placed = Vec::new();
+        let mut boxes = Vec::new();
+        for (index, instance) in data.instances.iter().enumerate().filter(|(i, _)| is_in(*i)) {
+            let mut matrix = instance.matrix;
+            for row in 0..3 {
+                matrix[row][3] -= origin[row];
+            }
+            let Some(inverse) = inverted(&matrix) else {
+                continue;
+            };
+            let mesh = &data.meshes[instance.mesh];
+            if flattened[instance.mesh] {
+                let flags = if is_cut_out(&data, instance) {
+                    HAS_CUTOUT
+                } else {
+                    0
+                };
+                let points: Vec<[f64; 3]> = mesh
+                    .positions
+                    .par_iter()
+                    .map(|p| apply(&matrix, p.map(f64::from)))
+                    .collect();
+                flat.par_extend((0..mesh.triangles.len()).into_par_iter().filter_map(|t| {
+                    let corners =
+                        mesh.triangles[t].map(|c| points[mesh.corner_vertices[c as usize] as usize]);
+                    Triangle::new(corners, index as u32, t as u32, flags)
+                }));
+                continue;
+            }
+            let (tree, centre) = *tree_of_mesh[instance.mesh].get_or_insert_with(|| {
+                let mut users = data.instances.iter().filter(|other| other.mesh == instance.mesh);
+                let clips = users.any(|other| is_cut_out(&data, other));
+                let (tree, centre) = build_tree(mesh, if clips { HAS_CUTOUT } else { 0 });
+                trees.push(tree);
+                (trees.len() - 1, centre)
+            });
+            if trees[tree].triangles.is_empty() {
+                continue;
+            }
+            let mut centred = inverse;
+            let mut forward = matrix;
+            for row in 0..3 {
+                centred[row][3] -= centre[row];
+            }
+            let shift = apply(&matrix, centre);
+            for row in 0..3 {
+                forward[row][3] = shift[row];
+            }
+            boxes.push(transformed_bounds(&forward, trees[tree].bvh.bounds));
+            placed.push(Placed {
+                instance: index as u32,
+                tree,
+                inverse: centred,
+            });
+        }
+        if flat.len() >= MAX_PRIMITIVES || placed.len() >= MAX_PRIMITIVES {
+            return Err("too many triangles for one tree");
+        }
+        let (top, order) = Bvh::build(&boxes);
+        let mut slots: Vec<Option<Placed>> = placed.into_iter().map(Some).collect();
+        let placed = order.iter().filter_map(|&i| slots[i as usize].take()).collect();
+        Ok(Scene {
+            origin,
+            data,
+            flat: Triangles::build(flat),
+            trees,
+            placed,
+            top,
+        })
+    }
+
+    pub fn triangle_count(&self) -> usize {
+        self.flat.triangles.len() + self.trees.iter().map(|t| t.triangles.len()).sum::<usize>()
+    }
+
+    pub fn placed_count(&self) -> usize {
+        self.placed.len()
+    }
+
+    /// Traces a prepared packet. Rays that hit are left with `t_max` below zero, or with `NEAREST` at the
+    /// nearest hit, which is written to `nearest`. `casters` as in [`Scene::build`].
+    #[inline(always)]
+    pub fn trace<const SHARED: bool, const NEAREST: bool>(
+        &self,
+        casters: &[u8],
+        packet: &mut Packet,
+        scratch: &mut Scratch,
+        nearest: &mut Nearest,
+    ) {
+        let Scratch { outer, inner } = scratch;
+        let mut flat = InTriangles::<SHARED, NEAREST> {
+            scene: self,
+            triangles: &self.flat.triangles,
+            instance: None,
+            casters,
+            nearest,
+        };
+        self.flat.bvh.walk::<SHARED>(packet, outer, &mut flat);
+        if !self.placed.is_empty() && packet.is_busy() {
+            let mut placed = InInstances::<SHARED, NEAREST> {
+                scene: self,
+                casters,
+                nearest,
+                stack: inner,
+            };
+            self.top.walk::<SHARED>(packet, outer, &mut placed);
+        }
+    }
+
+    /// Takes back hits where the material's alpha clip leaves nothing.
+    #[inline(never)]
+    fn cut_out(&self, triangle: &Triangle, instance: u32, weights: &[Lanes; 3], hit: &mut [bool; LANES]) {
+        let instance = &self.data.instances[instance as usize];
+        let mesh = &self.data.meshes[instance.mesh];
+        let index = triangle.triangle as usize;
+        let slot = mesh.triangle_slots.get(index).copied().unwrap_or(0);
+        let cutout = &self.data.cutouts[instance.material(slot) as usize];
+        let textured = !cutout.is_uniform() && !mesh.corner_uvs.is_empty();
+        for lane in 0..LANES {
+            if !hit[lane] {
+                continue;
+            }
+            let mut uv = [0.0; 2];
+            if textured {
+                // `weights` are those of corners 2, 0 and 1.
+                let share = [1, 2, 0].map(|i: usize| weights[i][lane]);
+                let sum = share[0] + share[1] + share[2];
+                for (corner, share) in mesh.triangles[index].iter().zip(share) {
+                    let at = mesh.corner_uvs[*corner as usize];
+                    uv[0] += at[0] * share / sum;
+                    uv[1] += at[1] * share / sum;
+                }
+            }
+            hit[lane] = cutout.is_opaque(uv);
+        }
+    }
+}
+
+/// Leaves of triangles: those of one instance, or with `None` each of its own.
+struct InTriangles<'a, const SHARED: bool, const NEAREST: bool> {
+    scene: &'a Scene,
+    triangles: &'a [Triangle],
+    instance: Option<u32>,
+    casters: &'a [u8],
+    nearest: &'a mut Nearest,
+}
+
+impl<const SHARED: bool, const NEAREST: bool> Leaf for InTriangles<'_, SHARED, NEAREST> {
+    #[inline(always)]
+    fn visit(&mut self, packet: &mut Packet, primitives: Range<usize>) {
+        for triangle in &self.triangles[primitives] {
+            let instance = self.instance.unwrap_or(triangle.instance);
+            if !self.casters.is_empty() && self.casters[instance as usize] == 0 {
+                continue;
+            }
+            let mut weights = [[0.0; LANES]; 3];
+            let Some(mut hits) = triangle.intersect::<SHARED>(packet, &mut weights) else {
+                continue;
+            };
+            if triangle.flags & HAS_CUTOUT != 0 {
+                self.scene.cut_out(triangle, instance, &weights, &mut hits.hit);
+            }
+            let mut t_max = packet.t_max;
+            for lane in 0..LANES {
+                let end = if NEAREST {
+                    hits.height[lane] / hits.cosine[lane]
+                } else {
+                    HIT
+                };
+                t_max[lane] = if hits.hit[lane] { end } else { t_max[lane] };
+            }
+            packet.t_max = t_max;
+            if NEAREST {
+                for lane in 0..LANES {
+                    if hits.hit[lane] {
+                        self.nearest.instance[lane] = instance;
+                        self.nearest.triangle[lane] = triangle.triangle;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Leaves of instances, whose own trees are walked in their object space.
+struct InInstances<'a, const SHARED: bool, const NEAREST: bool> {
+    scene: &'a Scene,
+    casters: &'a [u8],
+    nearest: &'a mut Nearest,
+    stack: &'a mut Vec<u32>,
+}
+
+impl<const SHARED: bool, const NEAREST: bool> Leaf for InInstances<'_, SHARED, NEAREST> {
+    #[inline(always)]
+    fn visit(&mut self, packet: &mut Packet, primitives: Range<usize>) {
+        for placed in &self.scene.placed[primitives] {
+            if self.casters.is_empty() || self.casters[placed.instance as usize] != 0 {
+                let tree = &self.scene.trees[placed.tree];
+                let mut local = packet_in_object(packet, &placed.inverse);
+                let mut triangles = InTriangles::<SHARED, NEAREST> {
+                    scene: self.scene,
+                    triangles: &tree.triangles,
+                    instance: Some(placed.instance),
+                    casters: &[],
+                    nearest: self.nearest,
+                };
+                tree.bvh.walk::<SHARED>(&mut local, self.stack, &mut triangles);
+                packet.t_max = local.t_max;
+            }
+        }
+    }
+}
+
+/// The mesh's own tree, relative to the centre of its bounds, so that float32 holds it best.
+fn build_tree(mesh: &Mesh, flags: u32) -> (Triangles, [f64; 3]) {
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for triangle in 0..mesh.triangles.len() {
+        for corner in mesh.triangle_positions(triangle) {
+            for axis in 0..3 {
+                low[axis] = low[axis].min(corner[axis].into());
+                high[axis] = high[axis].max(corner[axis].into());
+            }
+        }
+    }
+    let centre = if low[0] <= high[0] {
+        [0, 1, 2].map(|axis| 0.5 * (low[axis] + high[axis]))
+    } else {
+        [0.0; 3]
+    };
+    let triangles = (0..mesh.triangles.len())
+        .into_par_iter()
+        .filter_map(|t| {
+            let corners = mesh
+                .triangle_positions(t)
+                .map(|c| [0, 1, 2].map(|axis| f64::from(c[axis]) - centre[axis]));
+            Triangle::new(corners, u32::MAX, t as u32, flags)
+        })
+        .collect();
+    (Triangles::build(triangles), centre)
+}
+
+fn transformed_bounds(matrix: &Matrix, bounds: ([f32; 3], [f32; 3])) -> Bounds {
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for corner in 0..8 {
+        let pick = |axis: usize| {
+            f64::from(if corner >> axis & 1 == 0 {
+                bounds.0[axis]
+            } else {
+                bounds.1[axis]
+            })
+        };
+        let p = apply(matrix, [pick(0), pick(1), pick(2)]);
+        for axis in 0..3 {
+            low[axis] = low[axis].min(p[axis]);
+            high[axis] = high[axis].max(p[axis]);
+        }
+    }
+    // Rays are rounded when they are brought to object space.
+    let margin = f64::from(4.0 * WIDENING) * low.iter().chain(&high).fold(0.0, |m: f64, x| m.max(x.abs()));
+    Bounds(
+        low.map(|x| (x - margin) as f32),
+        high.map(|x| (x + margin) as f32),
+    )
+}
+
+#[inline(always)]
+fn packet_in_object(packet: &Packet, inverse: &Matrix) -> Packet {
+    let mut local = *packet;
+    for axis in 0..3 {
+        let row = inverse[axis];
+        for lane in 0..LANES {
+            let o = packet.origin.map(|o| f64::from(o[lane]));
+            let d = packet.direction.map(|d| f64::from(d[lane]));
+            local.origin[axis][lane] = (row[0] * o[0] + row[1] * o[1] + row[2] * o[2] + row[3]) as f32;
+            local.direction[axis][lane] = (row[0] * d[0] + row[1] * d[1] + row[2] * d[2]) as f32;
+        }
+    }
+    local.prepare();
+    local
+}

@@ -1,0 +1,292 @@
+//! Soft shadows by casting rays: what every faster method is compared with, and what it falls back to.
+
+use super::bvh::Nearest;
+use super::lanes::{LANES, Lanes, Work};
+use super::packet::{IDLE, Packet};
+use super::pattern::{Pattern, hash, pcg, unit};
+use super::scene::{Scene, Scratch};
+use crate::emitter::{Emitter, Samples};
+
+/// Shading points are lifted along their geometric normal by this share of their distance to the eye (76
+/// micrometres at 10 m, far below a pixel), more than the rounding of a position; see `triangle.rs` for what
+/// keeps a surface from shadowing itself beyond that.
+pub const LIFT: f32 = 1.0 / (1 << 17) as f32;
+
+/// More samples than this fill a packet from one point; fewer share it with the next points.
+const FEW: usize = LANES / 2;
+
+pub struct Query<'a> {
+    pub scene: &'a Scene,
+    pub casters: &'a [u8],
+    pub emitter: &'a Emitter,
+    pub eye: [f64; 3],
+    pub pattern: &'a Pattern,
+    pub seed: u64,
+}
+
+/// A run of shading points; positions relative to the query's eye.
+#[derive(Clone, Copy)]
+pub struct Points<'a> {
+    /// Index of the first one: part of the hash.
+    pub first: usize,
+    pub positions: &'a [[f32; 3]],
+    pub geometric_normals: &'a [[f32; 3]],
+    pub shading_normals: &'a [[f32; 3]],
+}
+
+/// Rays of several points on their way into one packet.
+struct Pending {
+    packet: Packet,
+    used: usize,
+    point: [usize; LANES],
+    weight: Lanes,
+}
+
+impl Pending {
+    fn new() -> Self {
+        Pending {
+            packet: Packet::EMPTY,
+            used: 0,
+            point: [0; LANES],
+            weight: [0.0; LANES],
+        }
+    }
+
+    /// Traces what is there and adds the weights that arrive.
+    #[inline(always)]
+    fn flush(&mut self, query: &Query, scratch: &mut Scratch, arrived: &mut [f32]) {
+        if self.used > 0 {
+            self.packet.prepare();
+            let scene = query.scene;
+            scene.trace::<false, false>(query.casters, &mut self.packet, scratch, &mut { Nearest::NONE });
+            for lane in 0..self.used {
+                if self.packet.t_max[lane] >= 0.0 {
+                    arrived[self.point[lane]] += self.weight[lane];
+                }
+            }
+        }
+        self.packet = Packet::EMPTY;
+        self.used = 0;
+    }
+}
+
+/// A point as the light's samples see it.
+struct Lit {
+    /// Lifted, relative to the scene's origin.
+    origin: [f32; 3],
+    /// Lifted, in the world.
+    world: [f64; 3],
+    geometric_normal: [f32; 3],
+    shading_normal: [f32; 3],
+}
+
+impl Lit {
+    #[inline(always)]
+    fn new(query: &Query, points: &Points, index: usize) -> Option<Self> {
+        let position = points.positions[index];
+        let geometric_normal = points.geometric_normals[index];
+        let shading_normal = points.shading_normals[index];
+        let numbers = position.iter().chain(&geometric_normal).chain(&shading_normal);
+        if !numbers.into_iter().fold(true, |finite, x| finite & x.is_finite()) {
+            return None;
+        }
+        let lift = LIFT * position.iter().fold(0.0, |m: f32, x| m.max(x.abs()));
+        let axes = [0, 1, 2];
+        let world = axes.map(|a| {
+            query.eye[a] + f64::from(position[a]) + f64::from(lift) * f64::from(geometric_normal[a])
+        });
+        Some(Lit {
+            origin: axes.map(|a| (world[a] - query.scene.origin[a]) as f32),
+            world,
+            geometric_normal,
+            shading_normal,
+        })
+    }
+
+    /// Whether a direction leaves the surface: at or below its own horizon a point is in shadow.
+    #[inline(always)]
+    fn leaves(&self, direction: [f32; 3]) -> bool {
+        let n = self.geometric_normal;
+        n[0] * direction[0] + n[1] * direction[1] + n[2] * direction[2] > 0.0
+    }
+}
+
+/// Visibility and unshadowed weight of each point.
+pub struct Visibility<'a, 'b> {
+    pub query: &'a Query<'a>,
+    pub points: Points<'a>,
+    pub visibility: &'b mut [f32],
+    pub weight: &'b mut [f32],
+}
+
+impl Work for Visibility<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Visibility {
+            query,
+            points,
+            visibility,
+            weight,
+        } = self;
+        let mut scratch = Scratch::default();
+        let mut pending = Pending::new();
+        let mut samples = Samples::default();
+        let pattern = query.pattern;
+        visibility.fill(0.0); // what arrives, until the end
+        for index in 0..points.positions.len() {
+            weight[index] = 0.0;
+            let Some(lit) = Lit::new(query, &points, index) else {
+                continue;
+            };
+            let light = query.emitter.seen_from(lit.world);
+            let count = if query.emitter.is_single() {
+                1
+            } else {
+                pattern.count
+            };
+            let turn = pattern.turn(hash(query.seed, [(points.first + index) as u32, 0]));
+            let (mut sent, mut arrived) = ([0.0; LANES], [0.0; LANES]);
+            for batch in 0..pattern.batches() {
+                let [u, v] = pattern.samples(turn, batch);
+                light.sample(lit.shading_normal, &u, &v, &mut samples);
+                let mut t_max = [IDLE; LANES];
+                let mut busy = 0;
+                for lane in 0..LANES {
+                    let in_count = batch * LANES + lane < count;
+                    let w = if in_count { samples.weight[lane] } else { 0.0 };
+                    let traced = (w > 0.0) & lit.leaves(samples.direction.map(|d| d[lane]));
+                    sent[lane] += w;
+                    t_max[lane] = if traced { samples.distance[lane] } else { IDLE };
+                    busy += u32::from(traced);
+                }
+                if busy == 0 {
+                    continue;
+                }
+                if count > FEW {
+                    let mut packet = Packet::shared(lit.origin, samples.direction, t_max);
+                    let scene = query.scene;
+                    scene.trace::<true, false>(query.casters, &mut packet, &mut scratch, &mut {
+                        Nearest::NONE
+                    });
+                    for lane in 0..LANES {
+                        let free = packet.t_max[lane] >= 0.0;
+                        arrived[lane] += if free { samples.weight[lane] } else { 0.0 };
+                    }
+                    continue;
+                }
+                if pending.used + busy as usize > LANES {
+                    pending.flush(query, &mut scratch, visibility);
+                }
+                for lane in 0..LANES {
+                    if t_max[lane] >= 0.0 {
+                        let direction = samples.direction.map(|d| d[lane]);
+                        pending
+                            .packet
+                            .set(pending.used, lit.origin, direction, t_max[lane]);
+                        pending.point[pending.used] = index;
+                        pending.weight[pending.used] = samples.weight[lane];
+                        pending.used += 1;
+                    }
+                }
+            }
+            weight[index] = sent.iter().sum();
+            visibility[index] += arrived.iter().sum::<f32>();
+        }
+        pending.flush(query, &mut scratch, visibility);
+        for (index, (visibility, weight)) in visibility.iter_mut().zip(weight).enumerate() {
+            *visibility = if *weight > 0.0 {
+                (*visibility / *weight).min(1.0)
+            } else {
+                1.0
+            };
+            let single = *weight > 0.0 && query.emitter.is_single();
+            *weight /= if single { 1.0 } else { pattern.count as f32 };
+            debug_assert!(weight.is_finite(), "point {index}");
+        }
+    }
+}
+
+/// Two independent estimates of each point's visibility by one ray each, 0 or 1.
+pub struct Screen<'a, 'b> {
+    pub query: &'a Query<'a>,
+    pub points: Points<'a>,
+    pub estimates: &'b mut [[u8; 2]],
+}
+
+impl Work for Screen<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Screen {
+            query,
+            points,
+            estimates,
+        } = self;
+        let mut scratch = Scratch::default();
+        let mut pending = Pending::new();
+        let mut samples = Samples::default();
+        let pattern = query.pattern;
+        let mut arrived = vec![0.0; 2 * points.positions.len()];
+        let mut directions = vec![[0.0; 3]; pattern.batches() * LANES];
+        let mut distances = vec![0.0; directions.len()];
+        let mut sums = vec![0.0; directions.len()];
+        for index in 0..points.positions.len() {
+            let lit = Lit::new(query, &points, index);
+            for estimate in 0..2 {
+                let slot = 2 * index + estimate;
+                arrived[slot] = 1.0; // where no light could arrive, nothing is in shadow
+                let Some(lit) = &lit else {
+                    continue;
+                };
+                let light = query.emitter.seen_from(lit.world);
+                let count = if query.emitter.is_single() {
+                    1
+                } else {
+                    pattern.count
+                };
+                let key = hash(query.seed, [(points.first + index) as u32, 1 + estimate as u32]);
+                let turn = pattern.turn(key);
+                let mut sum = 0.0;
+                for batch in 0..pattern.batches() {
+                    let [u, v] = pattern.samples(turn, batch);
+                    light.sample(lit.shading_normal, &u, &v, &mut samples);
+                    for lane in 0..LANES {
+                        let candidate = batch * LANES + lane;
+                        if candidate < count {
+                            sum += samples.weight[lane];
+                        }
+                        sums[candidate] = sum;
+                        directions[candidate] = samples.direction.map(|d| d[lane]);
+                        distances[candidate] = samples.distance[lane];
+                    }
+                }
+                if sum <= 0.0 {
+                    continue;
+                }
+                let aim = unit(pcg(key ^ 0x9e37_79b9)) * sum;
+                let chosen = sums.partition_point(|&s| s <= aim).min(count - 1);
+                arrived[slot] = 0.0;
+                if !lit.leaves(directions[chosen]) {
+                    continue;
+                }
+                if pending.used == LANES {
+                    pending.flush(query, &mut scratch, &mut arrived);
+                }
+                let lane = pending.used;
+                pending
+                    .packet
+                    .set(lane, lit.origin, directions[chosen], distances[chosen]);
+                pending.point[lane] = slot;
+                pending.weight[lane] = 1.0;
+                pending.used += 1;
+            }
+        }
+        pending.flush(query, &mut scratch, &mut arrived);
+        for (index, estimate) in estimates.iter_mut().enumerate() {
+            *estimate = [0, 1].map(|i| u8::from(arrived[2 * index + i] > 0.0));
+        }
+    }
+}
