@@ -10,8 +10,8 @@ from strata.addon.core.errors import StrataError
 from strata.addon.scene.open import choose, open_blend
 
 
-@pytest.fixture
-def two_scenes(tmp_path):
+@pytest.fixture(scope="module")
+def two_scenes(tmp_path_factory):
     """A file with scenes 'Scene' and 'Second' (active, frames 5..9), its first view layer switched off."""
     bpy.ops.wm.read_factory_settings()
     second = bpy.data.scenes.new("Second")
@@ -21,7 +21,7 @@ def two_scenes(tmp_path):
     second.camera = bpy.data.objects["Camera"]
     bpy.data.scenes.new("Blind")
     bpy.context.window.scene = second
-    path = tmp_path / "two.blend"
+    path = tmp_path_factory.mktemp("open") / "two.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=False)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     return path
