@@ -6,6 +6,7 @@
 pub mod cancel;
 pub mod emitter;
 pub mod geometry;
+pub mod irradiance;
 pub mod raster;
 pub mod rays;
 pub mod triangulate;
@@ -17,6 +18,7 @@ use pyo3::prelude::*;
 fn strata_kernels(module: &Bound<'_, PyModule>) -> PyResult<()> {
     cancel::register(module)?;
     geometry::register(module)?;
+    irradiance::register(module)?;
     raster::register(module)?;
     emitter::register(module)?;
     rays::register(module)?;
