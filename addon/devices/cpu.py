@@ -9,7 +9,9 @@ import numpy as np
 import strata_kernels
 
 from ..core.arrays import Arrays
+from ..core.emitter import Emitter
 from ..core.outline import Outline
+from ..core.surface import SurfacePoints
 
 
 class CpuDevice:
@@ -78,3 +80,16 @@ class CpuRays:
         self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray
     ) -> np.ndarray:
         return self.accel.occluded(casters, origins, directions, t_max)
+
+    def screen(self, casters: np.ndarray, emitter: Emitter, points: SurfacePoints, seed: int) -> np.ndarray:
+        """(N, 2) uint8: two independent one-ray estimates of each point's visibility, 0 or 1."""
+        return strata_kernels.ray_screen(
+            self.accel,
+            casters,
+            emitter.packed(),
+            points.eye,
+            points.position,
+            points.geometric_normal,
+            points.shading_normal,
+            seed,
+        )
