@@ -1,8 +1,9 @@
 //! Sorting set-up triangles into tiles, in parallel and in a fixed order.
 
 use super::camera::{Camera, SUBPIXEL_BITS, SUBPIXELS};
-use super::setup::{Plane, Point, Polygon, Setup, Triangle};
-use super::simd::{Work, run_widest};
+use super::edge::edge;
+use super::setup::{Point, Polygon, Setup, Triangle};
+use super::simd::{Vector, Work, run_widest};
 use crate::cancel::CancelFlag;
 use crate::geometry::{Data, Instance};
 use pyo3::exceptions::PyValueError;
@@ -28,7 +29,7 @@ struct Piece {
 }
 
 /// What one task set up, sorted by tile.
-struct Chunk {
+pub struct Chunk {
     triangles: Vec<Triangle>,
     polygons: Vec<Polygon>,
     /// Items of tile `t` are `items[starts[t]..starts[t + 1]]`, in the order of their ids.
@@ -104,49 +105,6 @@ impl Grid {
     }
 }
 
-/// One edge's half plane over whole pixels: inside where `at + dx * x + dy * y >= 0`.
-///
-/// Pixel centres are 256 subpixels apart, so the exact edge function changes by multiples of 256 from
-/// pixel to pixel and can be divided by 256, rounding down, without moving its sign anywhere. The
-/// top-left rule is in `at`: a pixel centre on an edge belongs to the triangle on its right or below.
-#[derive(Clone, Copy, Default)]
-pub struct Edge<T> {
-    pub at: T,
-    pub dx: T,
-    pub dy: T,
-}
-
-impl Edge<i64> {
-    #[inline(always)]
-    pub fn between(a: Point, b: Point) -> Self {
-        let [ax, ay, bx, by] = [a[0], a[1], b[0], b[1]].map(i64::from);
-        let (x, y) = (bx - ax, by - ay);
-        let owns = y < 0 || (y == 0 && x < 0);
-        Edge {
-            at: (y * ax - x * ay - i64::from(!owns)) >> SUBPIXEL_BITS,
-            dx: -y,
-            dy: x,
-        }
-    }
-
-    #[inline(always)]
-    pub fn value(&self, x: i64, y: i64) -> i64 {
-        self.at + self.dx * x + self.dy * y
-    }
-
-    /// Largest value over a tile's pixels.
-    pub fn largest(&self, origin: [usize; 2]) -> i64 {
-        let reach = TILE as i64 - 1;
-        self.value(origin[0] as i64, origin[1] as i64) + (self.dx.max(0) + self.dy.max(0)) * reach
-    }
-
-    /// Smallest value over a tile's pixels.
-    pub fn smallest(&self, origin: [usize; 2]) -> i64 {
-        let reach = TILE as i64 - 1;
-        self.value(origin[0] as i64, origin[1] as i64) + (self.dx.min(0) + self.dy.min(0)) * reach
-    }
-}
-
 /// What a tile draws.
 pub enum Item<'a> {
     Triangle(&'a Triangle),
@@ -155,22 +113,30 @@ pub enum Item<'a> {
 
 pub struct Bins {
     pub grid: Grid,
-    chunks: Vec<Chunk>,
+    /// In the order of their ids.
+    pub chunks: Vec<Chunk>,
+}
+
+impl Chunk {
+    /// What a tile draws, in the order of the ids; for [`Chunk::item`].
+    #[inline(always)]
+    pub fn items(&self, tile: usize) -> &[u32] {
+        &self.items[self.starts[tile] as usize..self.starts[tile + 1] as usize]
+    }
+
+    #[inline(always)]
+    pub fn item(&self, item: u32) -> Item<'_> {
+        if item & POLYGON == 0 {
+            Item::Triangle(&self.triangles[item as usize])
+        } else {
+            Item::Polygon(&self.polygons[(item & !POLYGON) as usize])
+        }
+    }
 }
 
 impl Bins {
-    /// The items of a tile, in the order of their ids.
-    pub fn items(&self, tile: usize) -> impl Iterator<Item = Item<'_>> {
-        self.chunks.iter().flat_map(move |chunk| {
-            let range = chunk.starts[tile] as usize..chunk.starts[tile + 1] as usize;
-            chunk.items[range].iter().map(|&item| {
-                if item & POLYGON == 0 {
-                    Item::Triangle(&chunk.triangles[item as usize])
-                } else {
-                    Item::Polygon(&chunk.polygons[(item & !POLYGON) as usize])
-                }
-            })
-        })
+    pub fn is_empty(&self, tile: usize) -> bool {
+        self.chunks.iter().all(|chunk| chunk.items(tile).is_empty())
     }
 }
 
@@ -268,8 +234,10 @@ impl SetUpChunk<'_> {
 
     fn touches(&self, points: &[Point], tile: usize) -> bool {
         let origin = self.grid.origin(tile);
-        (0..points.len())
-            .all(|i| Edge::between(points[i], points[(i + 1) % points.len()]).largest(origin) >= 0)
+        (0..points.len()).all(|i| {
+            let [a, b] = [points[i], points[(i + 1) % points.len()]].map(|p| p.map(i64::from));
+            edge(a, b).largest(origin) >= 0
+        })
     }
 }
 
@@ -277,7 +245,7 @@ impl Work for SetUpChunk<'_> {
     type Output = Chunk;
 
     #[inline(always)]
-    fn run(self) -> Chunk {
+    fn run<V: Vector>(self, _: V) -> Chunk {
         let (mut triangles, mut polygons, mut pairs) = (Vec::new(), Vec::new(), Vec::new());
         for piece in self.pieces {
             let instance = &self.data.instances[piece.instance];
@@ -310,7 +278,7 @@ impl Work for SetUpChunk<'_> {
                     }
                     Setup::Polygon(polygon) => {
                         let item = polygons.len() as u32 | POLYGON;
-                        if self.bin(&polygon.points[..polygon.count], item, &mut pairs) {
+                        if self.bin(polygon.points(), item, &mut pairs) {
                             polygons.push(polygon);
                         }
                     }
@@ -367,12 +335,4 @@ pub fn bin_triangles(
         })
         .collect::<PyResult<Vec<Chunk>>>()?;
     Ok(Bins { grid, chunks })
-}
-
-/// A plane over a tile's own pixels.
-impl Plane {
-    #[inline(always)]
-    pub fn value(&self, x: usize, y: usize) -> f64 {
-        self.at + self.dx * x as f64 + self.dy * y as f64
-    }
 }

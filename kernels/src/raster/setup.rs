@@ -22,8 +22,16 @@ pub struct Plane {
     pub farthest: f32,
 }
 
+impl Plane {
+    #[inline(always)]
+    pub fn value(&self, x: usize, y: usize) -> f64 {
+        self.at + self.dx * x as f64 + self.dy * y as f64
+    }
+}
+
 /// A triangle that needed no clipping. One cache line.
 #[derive(Clone, Copy)]
+#[repr(align(64))]
 pub struct Triangle {
     /// Counter-clockwise (y up), in subpixels; pixel centres are at whole multiples of [`super::camera::SUBPIXELS`].
     pub points: [Point; 3],
@@ -34,11 +42,17 @@ pub struct Triangle {
 
 /// A triangle that was clipped, or whose alpha must be looked up: its visible part as a convex polygon.
 pub struct Polygon {
-    pub points: [Point; MAX_CORNERS],
-    pub count: usize,
+    points: [Point; MAX_CORNERS],
+    count: usize,
     pub plane: Plane,
     pub id: u32,
     pub alpha_tested: bool,
+}
+
+impl Polygon {
+    pub fn points(&self) -> &[Point] {
+        &self.points[..self.count]
+    }
 }
 
 pub enum Setup {
