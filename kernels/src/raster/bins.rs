@@ -1,8 +1,8 @@
 //! Sorting set-up triangles into tiles, in parallel and in a fixed order.
 
-use super::camera::{Camera, SUBPIXEL_BITS, SUBPIXELS};
+use super::camera::{Camera, SUBPIXEL_BITS, SUBPIXELS, winding_normal};
 use super::edge::edge;
-use super::setup::{Point, Polygon, Setup, Triangle};
+use super::setup::{Point, Polygon, Triangle};
 use super::simd::{Vector, Work, run_widest};
 use crate::cancel::CancelFlag;
 use crate::geometry::{Data, Instance};
@@ -36,6 +36,9 @@ pub struct Chunk {
     starts: Vec<u32>,
     items: Vec<u32>,
 }
+
+/// First and last pixel of a box: x and y.
+pub type Pixels = [[i32; 2]; 2];
 
 /// The tiles that cover some whole-width rows of an image.
 #[derive(Clone, Copy)]
@@ -86,7 +89,7 @@ impl Grid {
 
     /// First and last pixel whose centre lies in the bounding box; None where there is none.
     #[inline(always)]
-    pub fn pixels(&self, points: &[Point]) -> Option<[[i32; 2]; 2]> {
+    pub fn pixels(&self, points: &[Point]) -> Option<Pixels> {
         let (mut low, mut high) = (points[0], points[0]);
         for p in &points[1..] {
             low = [low[0].min(p[0]), low[1].min(p[1])];
@@ -211,12 +214,9 @@ fn alpha(data: &Data, instance: &Instance, slot: u32) -> Alpha {
 }
 
 impl SetUpChunk<'_> {
-    /// Calls `emit` for every tile that the outline may touch.
+    /// Notes the item for every tile that the outline may touch.
     #[inline(always)]
-    fn bin(&self, points: &[Point], item: u32, pairs: &mut Vec<(u32, u32)>) -> bool {
-        let Some([[x0, y0], [x1, y1]]) = self.grid.pixels(points) else {
-            return false;
-        };
+    fn bin(&self, points: &[Point], [[x0, y0], [x1, y1]]: Pixels, item: u32, pairs: &mut Vec<(u32, u32)>) {
         let tile = |at: i32| at as usize / TILE;
         let (tx0, tx1) = (tile(x0), tile(x1));
         let (ty0, ty1) = (tile(y0) - self.grid.first_row, tile(y1) - self.grid.first_row);
@@ -229,7 +229,6 @@ impl SetUpChunk<'_> {
                 }
             }
         }
-        true
     }
 
     fn touches(&self, points: &[Point], tile: usize) -> bool {
@@ -246,7 +245,11 @@ impl Work for SetUpChunk<'_> {
 
     #[inline(always)]
     fn run<V: Vector>(self, _: V) -> Chunk {
-        let (mut triangles, mut polygons, mut pairs) = (Vec::new(), Vec::new(), Vec::new());
+        let (camera, grid) = (self.camera, &self.grid);
+        let count = self.pieces.iter().map(|piece| piece.triangles.len()).sum();
+        let mut triangles: Vec<Triangle> = Vec::with_capacity(count);
+        let mut pairs = Vec::with_capacity(count + count / 4);
+        let mut polygons = Vec::new();
         for piece in self.pieces {
             let instance = &self.data.instances[piece.instance];
             let mesh = &self.data.meshes[instance.mesh];
@@ -268,19 +271,21 @@ impl Work for SetUpChunk<'_> {
                     continue;
                 }
                 let id = piece.first_id + index as u32;
-                let corners = mesh.triangle_positions(index);
-                match self.camera.set_up(&to_view, corners, id, alpha == Alpha::Tested) {
-                    Setup::Nothing => {}
-                    Setup::Triangle(triangle) => {
-                        if self.bin(&triangle.points, triangles.len() as u32, &mut pairs) {
-                            triangles.push(triangle);
-                        }
+                let [a, b, c] = mesh.triangle_positions(index);
+                let p = [to_view.point(a), to_view.point(b), to_view.point(c)];
+                let normal = to_view.normal(winding_normal([a, b, c]));
+                let drawable = camera.is_drawable(p[0]) & camera.is_drawable(p[1]) & camera.is_drawable(p[2]);
+                if drawable && alpha == Alpha::Opaque {
+                    if let Some((triangle, pixels)) = camera.set_up(grid, &p, normal, id) {
+                        self.bin(&triangle.points, pixels, triangles.len() as u32, &mut pairs);
+                        triangles.push(triangle);
                     }
-                    Setup::Polygon(polygon) => {
+                } else {
+                    let tested = alpha == Alpha::Tested;
+                    if let Some((polygon, pixels)) = camera.set_up_polygon(grid, &p, normal, id, tested) {
                         let item = polygons.len() as u32 | POLYGON;
-                        if self.bin(polygon.points(), item, &mut pairs) {
-                            polygons.push(polygon);
-                        }
+                        self.bin(polygon.points(), pixels, item, &mut pairs);
+                        polygons.push(polygon);
                     }
                 }
             }

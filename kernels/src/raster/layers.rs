@@ -62,10 +62,16 @@ impl Work for DrawTile<'_, '_> {
         let count = self.rows.len() / self.layers;
         for (index, row) in self.rows.iter_mut().enumerate() {
             let (layer, y) = (index / count, index % count);
-            for (four, out) in row.chunks_mut(BLOCK_WIDTH).enumerate() {
+            let lanes = |four: usize| {
                 let (block, lane) = quarter(four * BLOCK_WIDTH, y);
-                let lanes = &sink.depths[block * self.layers + layer].0[lane..lane + BLOCK_WIDTH];
-                out.copy_from_slice(&lanes[..out.len()]);
+                &sink.depths[block * self.layers + layer].0[lane..lane + BLOCK_WIDTH]
+            };
+            let (fours, rest) = row.as_chunks_mut::<BLOCK_WIDTH>();
+            for (four, out) in fours.iter_mut().enumerate() {
+                out.copy_from_slice(lanes(four));
+            }
+            if !rest.is_empty() {
+                rest.copy_from_slice(&lanes(fours.len())[..rest.len()]);
             }
         }
     }
