@@ -22,5 +22,6 @@ fn strata_kernels(module: &Bound<'_, PyModule>) -> PyResult<()> {
     raster::register(module)?;
     emitter::register(module)?;
     rays::register(module)?;
+    triangulate::register(module)?;
     Ok(())
 }

@@ -94,11 +94,18 @@ impl<const NEAREST: bool> Work for Rays<'_, NEAREST> {
             let mut shared = true;
             for (lane, ray) in rays.enumerate() {
                 let (origin, direction) = (self.origins[ray], self.directions[ray]);
-                let finite = origin.iter().chain(&direction).fold(true, |f, x| f & x.is_finite());
+                let finite = origin
+                    .iter()
+                    .chain(&direction)
+                    .fold(true, |f, x| f & x.is_finite());
                 let traced = finite && self.t_max[ray] > 0.0;
                 shared &= origin == self.origins[first];
                 if finite {
-                    let t_max = if traced { self.t_max[ray].min(f32::MAX) } else { IDLE };
+                    let t_max = if traced {
+                        self.t_max[ray].min(f32::MAX)
+                    } else {
+                        IDLE
+                    };
                     packet.set(lane, origin, direction, t_max);
                 }
             }
