@@ -13,6 +13,8 @@ from ..core.emitter import Emitter
 from ..core.outline import Outline
 from ..core.surface import SurfacePoints
 
+IRRADIANCE_SAMPLES = 16  # as many as the kernel takes at once
+
 
 class CpuDevice:
     """Runs the Rust kernels; its values are numpy arrays and kernel handles."""
@@ -93,3 +95,19 @@ class CpuRays:
             points.shading_normal,
             seed,
         )
+
+    def irradiance(self, emitter: Emitter, points: SurfacePoints, seed: int) -> np.ndarray:
+        """(N,) float32: what each point gets at radiance 1 if nothing is in the way."""
+        nothing = strata_kernels.Accel(strata_kernels.Geometry(), self.origin)
+        _, weights = strata_kernels.ray_visibility(
+            nothing,
+            None,
+            emitter.packed(),
+            points.eye,
+            points.position,
+            points.geometric_normal,
+            points.shading_normal,
+            IRRADIANCE_SAMPLES,
+            seed,
+        )
+        return weights
