@@ -58,6 +58,10 @@ class CpuDevice:
         mask[sorted(instances)] = 1
         return mask
 
+    def texture(self, image: int) -> np.ndarray | None:
+        """Texels of `outline.images[image]`, None where they could not be read."""
+        return self._arrays.textures.get(image)
+
     def to_host(self, value: Any) -> Any:
         return value
 
