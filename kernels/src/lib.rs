@@ -6,9 +6,9 @@
 pub mod cancel;
 pub mod emitter;
 pub mod geometry;
-pub mod irradiance;
 pub mod raster;
 pub mod rays;
+pub mod soft_shadow;
 pub mod triangulate;
 pub mod view;
 
@@ -18,10 +18,9 @@ use pyo3::prelude::*;
 fn strata_kernels(module: &Bound<'_, PyModule>) -> PyResult<()> {
     cancel::register(module)?;
     geometry::register(module)?;
-    irradiance::register(module)?;
     raster::register(module)?;
     emitter::register(module)?;
     rays::register(module)?;
-    triangulate::register(module)?;
+    soft_shadow::register(module)?;
     Ok(())
 }

@@ -1,0 +1,215 @@
+"""Where a light's casters are rasterised from: one frustum, nested ones, or the cube faces that matter."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...core.culling import corners_of
+from ...core.emitter import Emitter, EmitterKind
+from ...core.view import View
+
+WIDEST_SINGLE_TANGENT = 2.5
+"""A window up to this slope gets one map; a wider one is nested, each window this much smaller."""
+
+WIDEST_TANGENT = 15.0
+"""Slopes beyond this (86 degrees) are cut off: light so grazing carries next to no irradiance."""
+
+FACE_TANGENT = 1.25
+"""Half window of a cube face: 45 degrees and a band for search regions that reach over the edge."""
+
+WIDEST_SPOT = math.cos(math.radians(70.0))
+"""A spot whose cone is narrower than 70 degrees to a side is seen in one frustum, not in cube faces."""
+
+SMALLEST_NEAR = 1e-4
+"""Nearest plane, as a share of the farthest."""
+
+NamedView = tuple[str, View]
+LeftOut = tuple[str, str]
+
+
+def light_views(
+    emitter: Emitter, caster_bounds: np.ndarray, receiver_bounds: np.ndarray
+) -> tuple[list[NamedView], list[LeftOut]]:
+    """Views to rasterise `emitter`'s casters from, smallest window first, and what needed none, and why.
+
+    `caster_bounds` (C, 2, 3) and `receiver_bounds` (R, 2, 3) float64: low and high corners of boxes in world
+    space, metres. Nothing outside the windows' union casts a shadow onto a receiver. Names are empty, "wide"
+    followed by a number, or a face such as "+X".
+    """
+    casters = np.asarray(caster_bounds, np.float64).reshape(-1, 2, 3)
+    receivers = np.asarray(receiver_bounds, np.float64).reshape(-1, 2, 3)
+    casters = casters[_may_shadow(emitter, casters, receivers)]
+    if emitter.kind == EmitterKind.DISTANT_DISK:
+        return _sun_view(emitter, casters, receivers)
+    if emitter.kind in (EmitterKind.RECTANGLE, EmitterKind.ELLIPSE):
+        return _nested_views(emitter, casters, receivers, WIDEST_TANGENT)
+    if emitter.cos_cone > WIDEST_SPOT:
+        sine = math.sqrt(1.0 - emitter.cos_cone**2)
+        return _nested_views(emitter, casters, receivers, sine / emitter.cos_cone)
+    return _cube_views(emitter, casters, receivers)
+
+
+def _may_shadow(emitter: Emitter, casters: np.ndarray, receivers: np.ndarray) -> np.ndarray:
+    """(C,) bool: False where an axis plane has the caster on one side, light and receivers on the other, as
+    the ground under everything does."""
+    if not len(casters) or not len(receivers):
+        return np.zeros(len(casters), bool)
+    low, high = receivers[:, 0].min(axis=0), receivers[:, 1].max(axis=0)
+    tolerance = 1e-9 * np.maximum(np.abs(low), np.abs(high)).max()
+    if emitter.kind == EmitterKind.DISTANT_DISK:
+        # Directions to the sun, of which each component may have either sign near zero.
+        spread = _extent(emitter)
+        to_light = -np.array(emitter.forward)
+        light_low = np.where(to_light > spread, np.inf, -np.inf)
+        light_high = np.where(to_light < -spread, -np.inf, np.inf)
+    else:
+        centre = np.array(emitter.centre)
+        light_low, light_high = centre - _extent(emitter), centre + _extent(emitter)
+    under = (casters[:, 1] <= np.minimum(low, light_low) + tolerance).any(axis=1)
+    over = (casters[:, 0] >= np.maximum(high, light_high) - tolerance).any(axis=1)
+    return ~(under | over)
+
+
+def _extent(emitter: Emitter) -> np.ndarray:
+    """(3,) half size of the box around the light; of a sun, of its directions."""
+    if emitter.kind in (EmitterKind.SPHERE, EmitterKind.FACING_DISK):
+        return np.full(3, emitter.half_width)
+    return emitter.half_width * np.abs(emitter.right) + emitter.half_height * np.abs(emitter.up)
+
+
+def _nested_views(
+    emitter: Emitter, casters: np.ndarray, receivers: np.ndarray, widest: float
+) -> tuple[list[NamedView], list[LeftOut]]:
+    axes = (emitter.right, emitter.up, emitter.forward)
+    whole, reason = _window(emitter, axes, casters, receivers, widest)
+    if whole is None:
+        return [], [("map", reason)]
+    window, near, far = whole
+    limits = [max(abs(edge) for edge in window)]
+    while limits[0] > WIDEST_SINGLE_TANGENT:
+        limits.insert(0, limits[0] / WIDEST_SINGLE_TANGENT)
+    views, left_out = [], []
+    for number, limit in enumerate(limits):
+        name = f"wide {number}" if number else ""
+        inner, reason = _window(emitter, axes, casters, receivers, limit)
+        if number + 1 == len(limits):
+            inner = whole
+        if inner is None:
+            left_out.append((name or "map", reason))
+            continue
+        window, near, far = inner
+        views.append((name, View(emitter.centre, *axes, window, near, far)))
+    return views, left_out
+
+
+def _cube_views(
+    emitter: Emitter, casters: np.ndarray, receivers: np.ndarray
+) -> tuple[list[NamedView], list[LeftOut]]:
+    views, left_out = [], []
+    unit = np.eye(3)
+    for axis in range(3):
+        for sign, letter in ((1.0, "+"), (-1.0, "-")):
+            name = letter + "XYZ"[axis]
+            right, up, forward = -sign * unit[(axis + 1) % 3], unit[(axis + 2) % 3], sign * unit[axis]
+            axes = tuple(tuple(float(c) for c in vector) for vector in (right, up, forward))
+            found, reason = _window(emitter, axes, casters, receivers, FACE_TANGENT)
+            if found is None:
+                left_out.append((f"face {name}", reason))
+            else:
+                window, near, far = found
+                views.append((name, View(emitter.centre, *axes, window, near, far)))
+    return views, left_out
+
+
+def _window(emitter: Emitter, axes, casters: np.ndarray, receivers: np.ndarray, widest: float):
+    """Window, near and far of the casters that may shadow receivers within slopes of `widest`, or None; and
+    why None."""
+    to_axes = np.array(axes).T
+    centre = np.array(emitter.centre)
+    receiver_corners = (corners_of(receivers) - centre) @ to_axes
+    caster_corners = (corners_of(casters) - centre) @ to_axes
+    receiver_slopes, receiver_depths = _slopes(receiver_corners, widest)
+    if not len(receiver_slopes):
+        return None, "no receivers"
+    far = float(receiver_depths.max())
+    caster_slopes, caster_depths = _slopes(caster_corners, widest)
+    shadowing = caster_depths[:, 0] < far
+    caster_slopes, caster_depths = caster_slopes[shadowing], caster_depths[shadowing]
+    if not len(caster_slopes):
+        return None, "no casters"
+    near = max(float(caster_depths[:, 0].min()), SMALLEST_NEAR * far)
+    # A line from a receiver's point at slope p to the light's point l passes depth s at p + l (1/s - 1/z).
+    half = np.array([emitter.half_width, emitter.half_height])
+    reach = half * (1.0 / np.maximum(caster_depths[:, :1], near) - 1.0 / far)
+    low = receiver_slopes[:, 0].min(axis=0) - reach
+    high = receiver_slopes[:, 1].max(axis=0) + reach
+    low, high = np.maximum(caster_slopes[:, 0], low), np.minimum(caster_slopes[:, 1], high)
+    inside = (low <= high).all(axis=1)
+    if not inside.any():
+        return None, "no casters"
+    low, high = low[inside].min(axis=0), high[inside].max(axis=0)
+    return (_padded(low, high), near, far * 1.001), ""
+
+
+def _slopes(corners: np.ndarray, widest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Of boxes (N, 8, 3) in the light's axes: low and high slopes (M, 2, 2) within `widest`, and least and
+    greatest depth (M, 2), of those M boxes that are in front of the light and not outside."""
+    depths = corners[..., 2]
+    in_front = depths.max(axis=1) > 0.0
+    for axis in (0, 1):
+        for side in (-1.0, 1.0):
+            in_front &= (side * corners[..., axis] < widest * depths).any(axis=1)
+    corners, depths = corners[in_front], depths[in_front]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = corners[..., :2] / depths[..., None]
+    # A box that reaches behind the light's plane may appear anywhere.
+    behind = (depths <= 0.0).any(axis=1)[:, None]
+    low = np.where(behind, -widest, np.clip(slopes.min(axis=1), -widest, widest))
+    high = np.where(behind, widest, np.clip(slopes.max(axis=1), -widest, widest))
+    ranges = np.stack([np.maximum(depths.min(axis=1), 0.0), depths.max(axis=1)], axis=1)
+    return np.stack([low, high], axis=1), ranges
+
+
+def _sun_view(
+    emitter: Emitter, casters: np.ndarray, receivers: np.ndarray
+) -> tuple[list[NamedView], list[LeftOut]]:
+    """One orthographic view of the casters, no wider than the receivers' bounds and the penumbra's reach, so
+    that neither a vast ground nor casters far aside waste texels."""
+    if not len(receivers):
+        return [], [("map", "no receivers")]
+    if not len(casters):
+        return [], [("map", "no casters")]
+    axes = np.array([emitter.right, emitter.up, emitter.forward])
+    middle = 0.5 * (receivers[:, 0].min(axis=0) + receivers[:, 1].max(axis=0))
+    receiver_corners = (corners_of(receivers) - middle) @ axes.T
+    caster_corners = (corners_of(casters) - middle) @ axes.T
+    receiver_low, receiver_high = receiver_corners.min(axis=(0, 1)), receiver_corners.max(axis=(0, 1))
+    caster_low, caster_high = caster_corners.min(axis=1), caster_corners.max(axis=1)
+    # The disk's rays spread by its radius (a tangent) per metre between caster and receiver.
+    height = np.maximum(receiver_high[2] - caster_low[:, 2:], 0.0)
+    reach = height * np.array([emitter.half_width, emitter.half_height])
+    low = np.maximum(caster_low[:, :2], receiver_low[:2] - reach)
+    high = np.minimum(caster_high[:, :2], receiver_high[:2] + reach)
+    inside = (low <= high).all(axis=1) & (caster_low[:, 2] < receiver_high[2])
+    if not inside.any():
+        return [], [("map", "no casters")]
+    low, high = low[inside].min(axis=0), high[inside].max(axis=0)
+    nearest, farthest = caster_low[inside, 2].min(), receiver_high[2]
+    margin = 1e-3 * (farthest - nearest)
+    eye = middle + (nearest - margin) * axes[2] + axes[:2].T @ (0.5 * (low + high))
+    half = 0.5 * (high - low)
+    window = _padded(-half, half)
+    near, far = float(0.5 * margin), float(farthest - nearest + 2.0 * margin)
+    lamp_axes = (emitter.right, emitter.up, emitter.forward)
+    view = View(tuple(eye.tolist()), *lamp_axes, window, near, far, orthographic=True)
+    return [("", view)], []
+
+
+def _padded(low: np.ndarray, high: np.ndarray) -> tuple[float, float, float, float]:
+    """Left, right, bottom, top, a little wider so that no edge falls on the border, and never empty."""
+    size = high - low
+    margin = np.maximum(0.002 * size, 1e-6 * size.max() + 1e-12)
+    low, high = low - margin, high + margin
+    return float(low[0]), float(high[0]), float(low[1]), float(high[1])

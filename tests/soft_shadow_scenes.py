@@ -1,0 +1,79 @@
+"""Small scenes, from geometry to visibility, for the soft shadow kernels' tests."""
+
+from __future__ import annotations
+
+import numpy as np
+import strata_kernels as kernels
+from strata.addon.core.emitter import Emitter, EmitterKind
+from strata.addon.effects.soft_shadow.views import light_views
+
+DOWN = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))
+
+
+def lamp(kind=EmitterKind.RECTANGLE, centre=(0.0, 0.0, 4.0), half=(0.5, 0.5), axes=DOWN, **more) -> Emitter:
+    return Emitter(kind, centre, *axes, *half, **more)
+
+
+def plate(x0, x1, y0, y1, z):
+    """(4, 3) corners of a level rectangle."""
+    return np.array([[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]], np.float64)
+
+
+def ground_points(half=2.0, count=41, z=0.0):
+    """(N, 3) points on the ground, off any texel's grid."""
+    at = np.linspace(-half, half, count) + 0.0137
+    x, y = np.meshgrid(at, at)
+    return np.stack([x.ravel(), y.ravel(), np.full(x.size, z)], 1)
+
+
+class Stage:
+    """Convex polygons and meshes, seen by one light."""
+
+    def __init__(self, polygons=(), meshes=(), origin=(0.0, 0.0, 0.0)):
+        self.geometry = kernels.Geometry()
+        self.origin = np.array(origin, np.float64)
+        self.boxes = []
+        material = self.geometry.add_material()
+        faces = [(polygon, np.arange(len(polygon))[None]) for polygon in polygons]
+        for positions, corners in [*faces, *meshes]:
+            positions, corners = np.asarray(positions, np.float64), np.asarray(corners, np.int32)
+            starts = np.arange(len(corners) + 1, dtype=np.int32) * corners.shape[1]
+            mesh = self.geometry.add_mesh(positions.astype(np.float32), corners.ravel(), starts)
+            matrix = np.eye(4)
+            matrix[:3, 3] = self.origin
+            self.geometry.add_instance(mesh, matrix, 1, [material])
+            self.boxes.append((positions.min(axis=0) + self.origin, positions.max(axis=0) + self.origin))
+        self.boxes = np.array(self.boxes).reshape(-1, 2, 3)
+
+    def everything(self):
+        return np.ones(len(self.boxes), np.uint8)
+
+    def maps(self, emitter, points, layers=3, resolution=1024, **bias):
+        """Prepared maps of the views that the points need; `points` relative to the origin."""
+        world = points[np.isfinite(points).all(axis=1)] + self.origin
+        region = np.array([[world.min(axis=0), world.max(axis=0)]])
+        views, _ = light_views(emitter, self.boxes, region)
+        prepared = []
+        for _, view in views:
+            depths = kernels.layered_depth(
+                self.geometry, self.everything(), view.packed(), layers, resolution, resolution
+            )
+            prepared.append(kernels.soft_shadow_prepare(depths, view.packed(), **bias))
+        return prepared
+
+    def visibility(
+        self,
+        emitter,
+        points,
+        normals,
+        method="soft_shadow_bitmask",
+        maps=None,
+        settings=(512, 2),
+        **map_settings,
+    ):
+        """V (N,) and uncertain (N,); `points` relative to the origin, which is also the eye."""
+        if maps is None:
+            maps = self.maps(emitter, points, **map_settings)
+        normals = np.broadcast_to(np.asarray(normals, np.float32), points.shape).copy()
+        arguments = (points.astype(np.float32), normals, normals, self.origin, emitter.packed(), maps)
+        return getattr(kernels, method)(*arguments, *settings)
