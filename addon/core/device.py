@@ -6,6 +6,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from .emitter import Emitter
+from .surface import SurfacePoints
+
 
 class Device(Protocol):
     """Runs steps. Values (arrays, textures, handles) belong to the device that made them.
@@ -42,3 +45,9 @@ class RayCaster(Protocol):
         self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray
     ) -> np.ndarray:
         """(N,) bool: whether anything of `casters` (instances,) bool lies within t_max along each ray."""
+
+    def screen(self, casters: np.ndarray, emitter: Emitter, points: SurfacePoints, seed: int) -> np.ndarray:
+        """(N, 2) uint8: two independent estimates of each point's visibility by one ray each, 0 or 1."""
+
+    def irradiance(self, emitter: Emitter, points: SurfacePoints, seed: int) -> np.ndarray:
+        """(N,) float32: what each point gets at radiance 1 if nothing is in the way, by a few samples."""

@@ -9,7 +9,11 @@ import numpy as np
 import strata_kernels
 
 from ..core.arrays import Arrays
+from ..core.emitter import Emitter
 from ..core.outline import Outline
+from ..core.surface import SurfacePoints
+
+IRRADIANCE_SAMPLES = 16  # as many as the kernel takes at once
 
 
 class CpuDevice:
@@ -54,6 +58,10 @@ class CpuDevice:
         mask[sorted(instances)] = 1
         return mask
 
+    def texture(self, image: int) -> np.ndarray | None:
+        """Texels of `outline.images[image]`, None where they could not be read."""
+        return self._arrays.textures.get(image)
+
     def to_host(self, value: Any) -> Any:
         return value
 
@@ -78,3 +86,32 @@ class CpuRays:
         self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray
     ) -> np.ndarray:
         return self.accel.occluded(casters, origins, directions, t_max)
+
+    def screen(self, casters: np.ndarray, emitter: Emitter, points: SurfacePoints, seed: int) -> np.ndarray:
+        """(N, 2) uint8: two independent one-ray estimates of each point's visibility, 0 or 1."""
+        return strata_kernels.ray_screen(
+            self.accel,
+            casters,
+            emitter.packed(),
+            points.eye,
+            points.position,
+            points.geometric_normal,
+            points.shading_normal,
+            seed,
+        )
+
+    def irradiance(self, emitter: Emitter, points: SurfacePoints, seed: int) -> np.ndarray:
+        """(N,) float32: what each point gets at radiance 1 if nothing is in the way."""
+        nothing = strata_kernels.Accel(strata_kernels.Geometry(), self.origin)
+        _, weights = strata_kernels.ray_visibility(
+            nothing,
+            None,
+            emitter.packed(),
+            points.eye,
+            points.position,
+            points.geometric_normal,
+            points.shading_normal,
+            IRRADIANCE_SAMPLES,
+            seed,
+        )
+        return weights

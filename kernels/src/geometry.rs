@@ -2,7 +2,7 @@
 //!
 //! Matrices are composed per eye in float64 and only then rounded, so that 1e7 m away is exact.
 
-use crate::triangulate::triangulate;
+use crate::triangulate::{checked_corners, triangulate};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -147,12 +147,7 @@ impl Geometry {
         face_slots: Option<PyReadonlyArray1<'_, i32>>,
     ) -> PyResult<usize> {
         let positions: Vec<[f32; 3]> = rows(&positions, "positions")?;
-        let vertex_count = positions.len() as i64;
-        let corners = corner_vertices.as_slice()?;
-        if corners.iter().any(|&v| v < 0 || v as i64 >= vertex_count) {
-            return Err(PyValueError::new_err("corner_vertices points outside positions"));
-        }
-        let corner_vertices: Vec<u32> = corners.iter().map(|&v| v as u32).collect();
+        let corner_vertices = checked_corners(corner_vertices.as_slice()?, positions.len())?;
         let (triangles, faces) = triangulate(&positions, &corner_vertices, face_starts.as_slice()?)
             .map_err(PyValueError::new_err)?;
         let corner_normals = corner_normals.map_or(Ok(Vec::new()), |a| rows::<3>(&a, "corner_normals"))?;

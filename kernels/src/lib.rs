@@ -6,6 +6,7 @@
 pub mod cancel;
 pub mod emitter;
 pub mod geometry;
+pub mod irradiance;
 pub mod raster;
 pub mod rays;
 pub mod soft_shadow;
@@ -18,9 +19,11 @@ use pyo3::prelude::*;
 fn strata_kernels(module: &Bound<'_, PyModule>) -> PyResult<()> {
     cancel::register(module)?;
     geometry::register(module)?;
+    irradiance::register(module)?;
     raster::register(module)?;
     emitter::register(module)?;
     rays::register(module)?;
+    triangulate::register(module)?;
     soft_shadow::register(module)?;
     Ok(())
 }

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...core.effect import LayerKind, Metric
 from ...core.graph import Step
-from ...core.outline import Outline
+from ...core.outline import Light, Outline, emitter_measure
 from ...core.recorder import Recorder
 
 LIT = LayerKind(title="Lit", channels="RGB", metric=Metric.RELATIVE_L2, per_light=True)
@@ -15,7 +15,6 @@ LIT = LayerKind(title="Lit", channels="RGB", metric=Metric.RELATIVE_L2, per_ligh
 def _lit(device, surface, eye, emitter, radiance, albedos, images):
     irradiance = device.kernels.irradiance(
         surface["position"],
-        surface["geometric_normal"],
         surface["shading_normal"],
         np.array(eye),
         emitter.packed(),
@@ -42,6 +41,11 @@ def _nearest(texels: np.ndarray, uv: np.ndarray) -> np.ndarray:
 STEP = Step("lit", cpu=_lit, hole="only pictures for people need it")
 
 
+def _brightness(light: Light) -> tuple[float, float, float]:
+    """What the kernel's irradiance is per unit of: radiance, or intensity for a light of no size."""
+    return light.radiance if emitter_measure(light.emitter) > 0.0 else light.intensity
+
+
 def record(recorder: Recorder, outline: Outline) -> None:
     """Adds the picture of every light that the graph already has a layer of."""
     planned = [layer for layer in recorder.layers if layer.light_index is not None]
@@ -61,7 +65,7 @@ def record(recorder: Recorder, outline: Outline) -> None:
             instance=light.name,
             eye=outline.view.eye,
             emitter=light.emitter,
-            radiance=light.radiance,
+            radiance=_brightness(light),
             albedos=albedos,
             images=images,
         )

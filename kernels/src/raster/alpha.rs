@@ -2,7 +2,8 @@
 
 use super::camera::Camera;
 use super::hit::Locator;
-use super::tile::{BLOCK_WIDTH, Depths};
+use super::simd::Lanes;
+use super::tile::BLOCK_WIDTH;
 use crate::geometry::Data;
 
 /// Looks up which fragments of a triangle are there.
@@ -13,12 +14,12 @@ pub struct AlphaTest<'a> {
 }
 
 impl AlphaTest<'_> {
-    /// Sets the depths of absent fragments of a block, whose first pixel is (x, y), to infinity.
+    /// Sets the depths of absent fragments of a block, whose first pixel is given, to infinity.
     #[inline(never)]
-    pub fn cut(&self, depths: &mut Depths, id: u32, x: usize, y: usize) {
+    pub fn cut(&self, depths: &mut Lanes<f32>, id: u32, [x, y]: [usize; 2]) {
         let locator = Locator::new(self.data, self.first_ids, self.camera, id);
         let cutout = &self.data.cutouts[locator.material() as usize];
-        for (lane, depth) in depths.iter_mut().enumerate() {
+        for (lane, depth) in depths.0.iter_mut().enumerate() {
             if depth.is_finite() {
                 let ray = self.camera.ray(x + lane % BLOCK_WIDTH, y + lane / BLOCK_WIDTH);
                 let weights = locator.weights(self.camera, &ray);

@@ -1,8 +1,9 @@
 //! Sorting set-up triangles into tiles, in parallel and in a fixed order.
 
-use super::camera::{Camera, SUBPIXEL_BITS, SUBPIXELS};
-use super::setup::{Plane, Point, Polygon, Setup, Triangle};
-use super::simd::{Work, run_widest};
+use super::camera::{Camera, SUBPIXEL_BITS, SUBPIXELS, winding_normal};
+use super::edge::edge;
+use super::setup::{Point, Polygon, Triangle};
+use super::simd::{Vector, Work, run_widest};
 use crate::cancel::CancelFlag;
 use crate::geometry::{Data, Instance};
 use pyo3::exceptions::PyValueError;
@@ -28,13 +29,16 @@ struct Piece {
 }
 
 /// What one task set up, sorted by tile.
-struct Chunk {
+pub struct Chunk {
     triangles: Vec<Triangle>,
     polygons: Vec<Polygon>,
     /// Items of tile `t` are `items[starts[t]..starts[t + 1]]`, in the order of their ids.
     starts: Vec<u32>,
     items: Vec<u32>,
 }
+
+/// First and last pixel of a box: x and y.
+pub type Pixels = [[i32; 2]; 2];
 
 /// The tiles that cover some whole-width rows of an image.
 #[derive(Clone, Copy)]
@@ -85,7 +89,7 @@ impl Grid {
 
     /// First and last pixel whose centre lies in the bounding box; None where there is none.
     #[inline(always)]
-    pub fn pixels(&self, points: &[Point]) -> Option<[[i32; 2]; 2]> {
+    pub fn pixels(&self, points: &[Point]) -> Option<Pixels> {
         let (mut low, mut high) = (points[0], points[0]);
         for p in &points[1..] {
             low = [low[0].min(p[0]), low[1].min(p[1])];
@@ -104,49 +108,6 @@ impl Grid {
     }
 }
 
-/// One edge's half plane over whole pixels: inside where `at + dx * x + dy * y >= 0`.
-///
-/// Pixel centres are 256 subpixels apart, so the exact edge function changes by multiples of 256 from
-/// pixel to pixel and can be divided by 256, rounding down, without moving its sign anywhere. The
-/// top-left rule is in `at`: a pixel centre on an edge belongs to the triangle on its right or below.
-#[derive(Clone, Copy, Default)]
-pub struct Edge<T> {
-    pub at: T,
-    pub dx: T,
-    pub dy: T,
-}
-
-impl Edge<i64> {
-    #[inline(always)]
-    pub fn between(a: Point, b: Point) -> Self {
-        let [ax, ay, bx, by] = [a[0], a[1], b[0], b[1]].map(i64::from);
-        let (x, y) = (bx - ax, by - ay);
-        let owns = y < 0 || (y == 0 && x < 0);
-        Edge {
-            at: (y * ax - x * ay - i64::from(!owns)) >> SUBPIXEL_BITS,
-            dx: -y,
-            dy: x,
-        }
-    }
-
-    #[inline(always)]
-    pub fn value(&self, x: i64, y: i64) -> i64 {
-        self.at + self.dx * x + self.dy * y
-    }
-
-    /// Largest value over a tile's pixels.
-    pub fn largest(&self, origin: [usize; 2]) -> i64 {
-        let reach = TILE as i64 - 1;
-        self.value(origin[0] as i64, origin[1] as i64) + (self.dx.max(0) + self.dy.max(0)) * reach
-    }
-
-    /// Smallest value over a tile's pixels.
-    pub fn smallest(&self, origin: [usize; 2]) -> i64 {
-        let reach = TILE as i64 - 1;
-        self.value(origin[0] as i64, origin[1] as i64) + (self.dx.min(0) + self.dy.min(0)) * reach
-    }
-}
-
 /// What a tile draws.
 pub enum Item<'a> {
     Triangle(&'a Triangle),
@@ -155,22 +116,30 @@ pub enum Item<'a> {
 
 pub struct Bins {
     pub grid: Grid,
-    chunks: Vec<Chunk>,
+    /// In the order of their ids.
+    pub chunks: Vec<Chunk>,
+}
+
+impl Chunk {
+    /// What a tile draws, in the order of the ids; for [`Chunk::item`].
+    #[inline(always)]
+    pub fn items(&self, tile: usize) -> &[u32] {
+        &self.items[self.starts[tile] as usize..self.starts[tile + 1] as usize]
+    }
+
+    #[inline(always)]
+    pub fn item(&self, item: u32) -> Item<'_> {
+        if item & POLYGON == 0 {
+            Item::Triangle(&self.triangles[item as usize])
+        } else {
+            Item::Polygon(&self.polygons[(item & !POLYGON) as usize])
+        }
+    }
 }
 
 impl Bins {
-    /// The items of a tile, in the order of their ids.
-    pub fn items(&self, tile: usize) -> impl Iterator<Item = Item<'_>> {
-        self.chunks.iter().flat_map(move |chunk| {
-            let range = chunk.starts[tile] as usize..chunk.starts[tile + 1] as usize;
-            chunk.items[range].iter().map(|&item| {
-                if item & POLYGON == 0 {
-                    Item::Triangle(&chunk.triangles[item as usize])
-                } else {
-                    Item::Polygon(&chunk.polygons[(item & !POLYGON) as usize])
-                }
-            })
-        })
+    pub fn is_empty(&self, tile: usize) -> bool {
+        self.chunks.iter().all(|chunk| chunk.items(tile).is_empty())
     }
 }
 
@@ -245,12 +214,9 @@ fn alpha(data: &Data, instance: &Instance, slot: u32) -> Alpha {
 }
 
 impl SetUpChunk<'_> {
-    /// Calls `emit` for every tile that the outline may touch.
+    /// Notes the item for every tile that the outline may touch.
     #[inline(always)]
-    fn bin(&self, points: &[Point], item: u32, pairs: &mut Vec<(u32, u32)>) -> bool {
-        let Some([[x0, y0], [x1, y1]]) = self.grid.pixels(points) else {
-            return false;
-        };
+    fn bin(&self, points: &[Point], [[x0, y0], [x1, y1]]: Pixels, item: u32, pairs: &mut Vec<(u32, u32)>) {
         let tile = |at: i32| at as usize / TILE;
         let (tx0, tx1) = (tile(x0), tile(x1));
         let (ty0, ty1) = (tile(y0) - self.grid.first_row, tile(y1) - self.grid.first_row);
@@ -263,13 +229,14 @@ impl SetUpChunk<'_> {
                 }
             }
         }
-        true
     }
 
     fn touches(&self, points: &[Point], tile: usize) -> bool {
         let origin = self.grid.origin(tile);
-        (0..points.len())
-            .all(|i| Edge::between(points[i], points[(i + 1) % points.len()]).largest(origin) >= 0)
+        (0..points.len()).all(|i| {
+            let [a, b] = [points[i], points[(i + 1) % points.len()]].map(|p| p.map(i64::from));
+            edge(a, b).largest(origin) >= 0
+        })
     }
 }
 
@@ -277,8 +244,12 @@ impl Work for SetUpChunk<'_> {
     type Output = Chunk;
 
     #[inline(always)]
-    fn run(self) -> Chunk {
-        let (mut triangles, mut polygons, mut pairs) = (Vec::new(), Vec::new(), Vec::new());
+    fn run<V: Vector>(self, _: V) -> Chunk {
+        let (camera, grid) = (self.camera, &self.grid);
+        let count = self.pieces.iter().map(|piece| piece.triangles.len()).sum();
+        let mut triangles: Vec<Triangle> = Vec::with_capacity(count);
+        let mut pairs = Vec::with_capacity(count + count / 4);
+        let mut polygons = Vec::new();
         for piece in self.pieces {
             let instance = &self.data.instances[piece.instance];
             let mesh = &self.data.meshes[instance.mesh];
@@ -300,19 +271,21 @@ impl Work for SetUpChunk<'_> {
                     continue;
                 }
                 let id = piece.first_id + index as u32;
-                let corners = mesh.triangle_positions(index);
-                match self.camera.set_up(&to_view, corners, id, alpha == Alpha::Tested) {
-                    Setup::Nothing => {}
-                    Setup::Triangle(triangle) => {
-                        if self.bin(&triangle.points, triangles.len() as u32, &mut pairs) {
-                            triangles.push(triangle);
-                        }
+                let [a, b, c] = mesh.triangle_positions(index);
+                let p = [to_view.point(a), to_view.point(b), to_view.point(c)];
+                let normal = to_view.normal(winding_normal([a, b, c]));
+                let drawable = camera.is_drawable(p[0]) & camera.is_drawable(p[1]) & camera.is_drawable(p[2]);
+                if drawable && alpha == Alpha::Opaque {
+                    if let Some((triangle, pixels)) = camera.set_up(grid, &p, normal, id) {
+                        self.bin(&triangle.points, pixels, triangles.len() as u32, &mut pairs);
+                        triangles.push(triangle);
                     }
-                    Setup::Polygon(polygon) => {
+                } else {
+                    let tested = alpha == Alpha::Tested;
+                    if let Some((polygon, pixels)) = camera.set_up_polygon(grid, &p, normal, id, tested) {
                         let item = polygons.len() as u32 | POLYGON;
-                        if self.bin(&polygon.points[..polygon.count], item, &mut pairs) {
-                            polygons.push(polygon);
-                        }
+                        self.bin(polygon.points(), pixels, item, &mut pairs);
+                        polygons.push(polygon);
                     }
                 }
             }
@@ -367,12 +340,4 @@ pub fn bin_triangles(
         })
         .collect::<PyResult<Vec<Chunk>>>()?;
     Ok(Bins { grid, chunks })
-}
-
-/// A plane over a tile's own pixels.
-impl Plane {
-    #[inline(always)]
-    pub fn value(&self, x: usize, y: usize) -> f64 {
-        self.at + self.dx * x as f64 + self.dy * y as f64
-    }
 }

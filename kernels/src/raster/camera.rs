@@ -17,10 +17,12 @@ pub const GUARD_PIXELS: f64 = 16384.0;
 /// With the guard on both sides, coordinates span at most 2^24 subpixels.
 pub const MAX_SIDE: usize = 32768;
 
+#[inline(always)]
 pub fn dot(a: Vec3, b: Vec3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
+#[inline(always)]
 pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
     [
         a[1] * b[2] - a[2] * b[1],
@@ -29,6 +31,7 @@ pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
     ]
 }
 
+#[inline(always)]
 pub fn sub(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
@@ -39,6 +42,13 @@ pub fn add(a: Vec3, b: Vec3) -> Vec3 {
 
 pub fn scale(a: Vec3, s: f64) -> Vec3 {
     [a[0] * s, a[1] * s, a[2] * s]
+}
+
+/// Cross product of an object-space triangle's sides: twice its area along its normal.
+#[inline(always)]
+pub fn winding_normal(corners: [[f32; 3]; 3]) -> Vec3 {
+    let [a, b, c] = corners.map(|p| p.map(f64::from));
+    cross(sub(b, a), sub(c, a))
 }
 
 /// An affine map, kept as its linear part, its translation, and the linear part's cofactors: the

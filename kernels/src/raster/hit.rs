@@ -1,6 +1,6 @@
 //! Where in a triangle a pixel's ray lands, in double precision, and what is there.
 
-use super::camera::{Camera, Ray, Transform, Vec3, add, cross, dot, scale, sub};
+use super::camera::{Camera, Ray, Transform, Vec3, add, cross, dot, scale, sub, winding_normal};
 use crate::geometry::{Data, Instance, Mesh};
 
 /// A triangle ready to answer for pixels. World axes, relative to the eye.
@@ -118,7 +118,10 @@ impl<'a> Locator<'a> {
     pub fn normals(&self, ray: &Ray, weights: Vec3) -> [Vec3; 2] {
         // A mirroring matrix turns the winding round, but not the side that is outside.
         let mirrored = if self.to_eye.is_mirrored() { -1.0 } else { 1.0 };
-        let outward = normalised(scale(self.winding_normal(), mirrored))
+        let winding = self
+            .to_eye
+            .normal(winding_normal(self.mesh.triangle_positions(self.triangle)));
+        let outward = normalised(scale(winding, mirrored))
             .or_else(|| normalised(scale(ray.direction, -1.0)))
             .unwrap_or([0.0, 0.0, 1.0]);
         let turn = if dot(outward, ray.direction) > 0.0 {
@@ -135,14 +138,5 @@ impl<'a> Locator<'a> {
             std::array::from_fn(|k| (0..3).map(|i| f64::from(corners[i][k]) * weights[i]).sum::<f64>());
         let shading = normalised(scale(self.to_eye.normal(local), mirrored * turn)).unwrap_or(geometric);
         [geometric, shading]
-    }
-
-    /// Cross product of the sides, from the object-space ones: no digits are lost far from the eye.
-    fn winding_normal(&self) -> Vec3 {
-        let [a, b, c] = self
-            .mesh
-            .triangle_positions(self.triangle)
-            .map(|p| p.map(f64::from));
-        self.to_eye.normal(cross(sub(b, a), sub(c, a)))
     }
 }

@@ -2,8 +2,8 @@
 
 use super::alpha::AlphaTest;
 use super::bins::{Bins, TILE};
-use super::simd::{Work, run_widest};
-use super::tile::{BLOCKS, Depths, LANES, Sink, block_and_lane, draw_tile};
+use super::simd::{LANES, Lanes, Vector, Work, run_widest};
+use super::tile::{BLOCK_WIDTH, BLOCKS, Sink, draw_tile, quarter};
 use crate::cancel::CancelFlag;
 use pyo3::prelude::*;
 use rayon::prelude::*;
@@ -14,31 +14,25 @@ pub const MAX_LAYERS: usize = 16;
 ///
 /// Fragments are inserted by a chain of min and max, so a texel ends with the smallest depths of the
 /// whole multiset, whatever the order of arrival: what is left of equal depths cannot differ.
-struct KBuffer {
-    depths: Vec<Depths>,
+struct KBuffer<'a> {
+    depths: &'a mut [Lanes<f32>],
     layers: usize,
 }
 
-impl Sink for KBuffer {
+impl Sink for KBuffer<'_> {
     #[inline(always)]
-    fn wants(&self, block: usize, depths: &Depths) -> bool {
+    fn wants<V: Vector>(&self, v: V, block: usize, depths: V::Float) -> bool {
         let last = &self.depths[block * self.layers + self.layers - 1];
-        let mut wanted = 0u32;
-        for l in 0..LANES {
-            wanted |= u32::from(depths[l] < last[l]);
-        }
-        wanted != 0
+        v.bits(v.less(depths, v.floats(last))) != 0
     }
 
     #[inline(always)]
-    fn keep(&mut self, block: usize, depths: &Depths, _id: u32) {
-        let mut falling = *depths;
-        for kept in &mut self.depths[block * self.layers..(block + 1) * self.layers] {
-            for l in 0..LANES {
-                let (a, b) = (kept[l], falling[l]);
-                kept[l] = if a < b { a } else { b };
-                falling[l] = if a < b { b } else { a };
-            }
+    fn keep<V: Vector>(&mut self, v: V, block: usize, depths: V::Float, _id: u32) {
+        let mut falling = depths;
+        for layer in &mut self.depths[block * self.layers..(block + 1) * self.layers] {
+            let kept = v.floats(layer);
+            v.store_floats(v.min(kept, falling), layer);
+            falling = v.max(kept, falling);
         }
     }
 }
@@ -47,8 +41,9 @@ struct DrawTile<'a, 'b> {
     bins: &'a Bins,
     alpha: &'a AlphaTest<'a>,
     tile: usize,
-    orthographic: bool,
     layers: usize,
+    /// Used again by the next tile.
+    depths: &'a mut [Lanes<f32>],
     /// This tile's part of each row, all rows of layer 0 first.
     rows: Vec<&'b mut [f32]>,
 }
@@ -57,18 +52,26 @@ impl Work for DrawTile<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(mut self) {
+    fn run<V: Vector>(mut self, v: V) {
+        self.depths.fill(Lanes([f32::INFINITY; LANES]));
         let mut sink = KBuffer {
-            depths: vec![[f32::INFINITY; LANES]; BLOCKS * self.layers],
+            depths: self.depths,
             layers: self.layers,
         };
-        draw_tile(self.bins, self.tile, self.alpha, self.orthographic, &mut sink);
+        draw_tile(v, self.bins, self.tile, self.alpha, &mut sink);
         let count = self.rows.len() / self.layers;
         for (index, row) in self.rows.iter_mut().enumerate() {
             let (layer, y) = (index / count, index % count);
-            for (x, out) in row.iter_mut().enumerate() {
-                let (block, lane) = block_and_lane(x, y);
-                *out = sink.depths[block * self.layers + layer][lane];
+            let lanes = |four: usize| {
+                let (block, lane) = quarter(four * BLOCK_WIDTH, y);
+                &sink.depths[block * self.layers + layer].0[lane..lane + BLOCK_WIDTH]
+            };
+            let (fours, rest) = row.as_chunks_mut::<BLOCK_WIDTH>();
+            for (four, out) in fours.iter_mut().enumerate() {
+                out.copy_from_slice(lanes(four));
+            }
+            if !rest.is_empty() {
+                rest.copy_from_slice(&lanes(fours.len())[..rest.len()]);
             }
         }
     }
@@ -78,7 +81,6 @@ impl Work for DrawTile<'_, '_> {
 pub fn layered_depth(
     bins: &Bins,
     alpha: &AlphaTest,
-    orthographic: bool,
     layers: usize,
     height: usize,
     cancel: &CancelFlag,
@@ -93,17 +95,25 @@ pub fn layered_depth(
             tiles[first + column].push(part);
         }
     }
-    tiles.into_par_iter().enumerate().try_for_each(|(tile, rows)| {
-        cancel.check()?;
-        run_widest(DrawTile {
-            bins,
-            alpha,
-            tile,
-            orthographic,
-            layers,
-            rows,
-        });
-        Ok::<(), PyErr>(())
-    })?;
+    let buffer = || vec![Lanes([f32::INFINITY; LANES]); BLOCKS * layers];
+    tiles
+        .into_par_iter()
+        .enumerate()
+        .try_for_each_init(buffer, |depths, (tile, mut rows)| {
+            cancel.check()?;
+            if bins.is_empty(tile) {
+                rows.iter_mut().for_each(|row| row.fill(f32::INFINITY));
+            } else {
+                run_widest(DrawTile {
+                    bins,
+                    alpha,
+                    tile,
+                    layers,
+                    depths,
+                    rows,
+                });
+            }
+            Ok::<(), PyErr>(())
+        })?;
     Ok(image)
 }

@@ -7,6 +7,7 @@ mod alpha;
 mod bins;
 mod camera;
 mod clip;
+mod edge;
 mod hit;
 mod layers;
 mod pyramid;
@@ -179,7 +180,7 @@ fn layered_depth<'py>(
             first_ids: &ids,
             camera: &camera,
         };
-        layers::layered_depth(&bins, &alpha, camera.orthographic, layers, height, &cancel)
+        layers::layered_depth(&bins, &alpha, layers, height, &cancel)
     })?;
     Ok(PyArray1::from_vec(py, image)
         .reshape([layers, height, width])?

@@ -1,6 +1,7 @@
 //! Triangle setup: an object-space triangle becomes a convex outline on the image and an affine depth.
 
-use super::camera::{Camera, GUARD_PIXELS, SUBPIXELS, Transform, Vec3, cross, dot, sub};
+use super::bins::{Grid, Pixels};
+use super::camera::{Camera, GUARD_PIXELS, SUBPIXELS, Vec3, dot, sub};
 use super::clip::{MAX_CORNERS, clip};
 
 /// Sines of corner angles below this are taken for zero area. Triangles with float32 corners are either
@@ -22,8 +23,16 @@ pub struct Plane {
     pub farthest: f32,
 }
 
+impl Plane {
+    #[inline(always)]
+    pub fn value(&self, x: usize, y: usize) -> f64 {
+        self.at + self.dx * x as f64 + self.dy * y as f64
+    }
+}
+
 /// A triangle that needed no clipping. One cache line.
 #[derive(Clone, Copy)]
+#[repr(align(64))]
 pub struct Triangle {
     /// Counter-clockwise (y up), in subpixels; pixel centres are at whole multiples of [`super::camera::SUBPIXELS`].
     pub points: [Point; 3],
@@ -34,17 +43,17 @@ pub struct Triangle {
 
 /// A triangle that was clipped, or whose alpha must be looked up: its visible part as a convex polygon.
 pub struct Polygon {
-    pub points: [Point; MAX_CORNERS],
-    pub count: usize,
+    points: [Point; MAX_CORNERS],
+    count: usize,
     pub plane: Plane,
     pub id: u32,
     pub alpha_tested: bool,
 }
 
-pub enum Setup {
-    Nothing,
-    Triangle(Triangle),
-    Polygon(Polygon),
+impl Polygon {
+    pub fn points(&self) -> &[Point] {
+        &self.points[..self.count]
+    }
 }
 
 #[inline(always)]
@@ -70,13 +79,15 @@ impl Camera {
     #[inline(always)]
     fn project(&self, p: Vec3) -> Point {
         let inverse = if self.orthographic { 1.0 } else { 1.0 / p[2] };
-        let at = |i: usize| snap(p[i] * inverse * self.to_subpixels[i] + self.offset[i]);
-        [at(0), at(1)]
+        [
+            snap(p[0] * inverse * self.to_subpixels[0] + self.offset[0]),
+            snap(p[1] * inverse * self.to_subpixels[1] + self.offset[1]),
+        ]
     }
 
     /// Whether a view-space point projects inside the guard band, between the near and the far plane.
     #[inline(always)]
-    fn is_drawable(&self, p: Vec3) -> bool {
+    pub fn is_drawable(&self, p: Vec3) -> bool {
         let w = if self.orthographic { 1.0 } else { p[2] };
         let [left, right, bottom, top] = self.guard;
         (p[2] >= self.near)
@@ -133,40 +144,39 @@ impl Camera {
         })
     }
 
-    /// Sets up a triangle given in object space.
+    /// Sets up a triangle whose view-space corners `p` are all drawable; `normal` is the cross product of
+    /// its sides. None where no pixel centre of the grid is near it, or where it has no area.
     #[inline(always)]
-    pub fn set_up(&self, to_view: &Transform, corners: [[f32; 3]; 3], id: u32, alpha_tested: bool) -> Setup {
-        let p = corners.map(|c| to_view.point(c));
-        let depths = p.map(|v| v[2]);
-        if depths.iter().all(|&z| z < self.near) || depths.iter().all(|&z| z > self.far) {
-            return Setup::Nothing;
+    pub fn set_up(&self, grid: &Grid, p: &[Vec3; 3], normal: Vec3, id: u32) -> Option<(Triangle, Pixels)> {
+        let mut points = [self.project(p[0]), self.project(p[1]), self.project(p[2])];
+        let pixels = grid.pixels(&points)?;
+        let area = doubled_area(&points);
+        if area == 0 {
+            return None;
         }
-        let local = corners.map(|c| c.map(f64::from));
-        let normal = to_view.normal(cross(sub(local[1], local[0]), sub(local[2], local[0])));
-        let inside = p.iter().all(|&v| self.is_drawable(v));
-        if inside && !alpha_tested {
-            let nearest = depths[0].min(depths[1]).min(depths[2]) as f32;
-            let farthest = depths[0].max(depths[1]).max(depths[2]) as f32;
-            let mut points = p.map(|v| self.project(v));
-            let area = doubled_area(&points);
-            if area == 0 {
-                return Setup::Nothing;
-            }
-            if area < 0 {
-                points.swap(1, 2);
-            }
-            return match self.plane(&p, normal, nearest, farthest) {
-                None => Setup::Nothing,
-                Some(plane) => Setup::Triangle(Triangle { points, plane, id }),
-            };
+        if area < 0 {
+            points.swap(1, 2);
         }
-        self.set_up_polygon(&p, normal, id, alpha_tested)
+        let nearest = p[0][2].min(p[1][2]).min(p[2][2]) as f32;
+        let farthest = p[0][2].max(p[1][2]).max(p[2][2]) as f32;
+        let plane = self.plane(p, normal, nearest, farthest)?;
+        Some((Triangle { points, plane, id }, pixels))
     }
 
+    /// Sets up a triangle that must be clipped or alpha-tested.
     #[inline(never)]
-    fn set_up_polygon(&self, p: &[Vec3; 3], normal: Vec3, id: u32, alpha_tested: bool) -> Setup {
-        if p.iter().flatten().any(|x| !x.is_finite()) {
-            return Setup::Nothing;
+    pub fn set_up_polygon(
+        &self,
+        grid: &Grid,
+        p: &[Vec3; 3],
+        normal: Vec3,
+        id: u32,
+        alpha_tested: bool,
+    ) -> Option<(Polygon, Pixels)> {
+        let depths = [p[0][2], p[1][2], p[2][2]];
+        let hidden = depths.iter().all(|&z| z < self.near) || depths.iter().all(|&z| z > self.far);
+        if hidden || p.iter().flatten().any(|x| !x.is_finite()) {
+            return None;
         }
         let clipped = clip(self, p);
         let (mut nearest, mut farthest) = (f32::INFINITY, f32::NEG_INFINITY);
@@ -177,7 +187,7 @@ impl Camera {
             farthest = farthest.max(v[2] as f32);
             let point = self.project(v);
             if !self.is_in_range(point) {
-                return Setup::Nothing; // overflow on the way here
+                return None; // overflow on the way here
             }
             // An edge of no length has no inside.
             if count == 0 || points[count - 1] != point {
@@ -189,24 +199,24 @@ impl Camera {
             count -= 1;
         }
         if count < 3 {
-            return Setup::Nothing;
+            return None;
         }
         let area = doubled_area(&points[..count]);
         if area == 0 {
-            return Setup::Nothing;
+            return None;
         }
         if area < 0 {
             points[..count].reverse();
         }
-        match self.plane(p, normal, nearest, farthest) {
-            None => Setup::Nothing,
-            Some(plane) => Setup::Polygon(Polygon {
-                points,
-                count,
-                plane,
-                id,
-                alpha_tested,
-            }),
-        }
+        let pixels = grid.pixels(&points[..count])?;
+        let plane = self.plane(p, normal, nearest, farthest)?;
+        let polygon = Polygon {
+            points,
+            count,
+            plane,
+            id,
+            alpha_tested,
+        };
+        Some((polygon, pixels))
     }
 }

@@ -4,8 +4,8 @@ use super::alpha::AlphaTest;
 use super::bins::{Bins, TILE};
 use super::camera::{Camera, dot};
 use super::hit::Locator;
-use super::simd::{Work, run_widest};
-use super::tile::{BLOCKS, Depths, LANES, Sink, block_and_lane, draw_tile};
+use super::simd::{LANES, Lanes, Vector, Work, run_widest};
+use super::tile::{BLOCK_WIDTH, BLOCKS, Sink, draw_tile, quarter};
 use crate::cancel::CancelFlag;
 use pyo3::prelude::*;
 use rayon::prelude::*;
@@ -16,29 +16,31 @@ const NOTHING: u32 = u32::MAX;
 /// Nearest triangle of each pixel. Items come in the order of their ids and only a smaller depth
 /// replaces, so that equal depths go to the lowest (instance, triangle).
 struct Visibility {
-    depths: Vec<Depths>,
-    ids: Vec<[u32; LANES]>,
+    depths: Vec<Lanes<f32>>,
+    ids: Vec<Lanes<i32>>,
 }
 
 impl Sink for Visibility {
     #[inline(always)]
-    fn wants(&self, block: usize, depths: &Depths) -> bool {
-        let kept = &self.depths[block];
-        let mut wanted = 0u32;
-        for l in 0..LANES {
-            wanted |= u32::from(depths[l] < kept[l]);
-        }
-        wanted != 0
+    fn wants<V: Vector>(&self, v: V, block: usize, depths: V::Float) -> bool {
+        v.bits(v.less(depths, v.floats(&self.depths[block]))) != 0
     }
 
     #[inline(always)]
-    fn keep(&mut self, block: usize, depths: &Depths, id: u32) {
-        let (kept, ids) = (&mut self.depths[block], &mut self.ids[block]);
-        for l in 0..LANES {
-            let nearer = depths[l] < kept[l];
-            kept[l] = if nearer { depths[l] } else { kept[l] };
-            ids[l] = if nearer { id } else { ids[l] };
-        }
+    fn keep<V: Vector>(&mut self, v: V, block: usize, depths: V::Float, id: u32) {
+        let (kept, ids) = (v.floats(&self.depths[block]), v.ints(&self.ids[block]));
+        let nearer = v.less(depths, kept);
+        v.store_floats(v.select(nearer, depths, kept), &mut self.depths[block]);
+        let id = v.splat_int(id.cast_signed());
+        v.store_ints(v.select_int(nearer, id, ids), &mut self.ids[block]);
+    }
+}
+
+impl Visibility {
+    /// The triangle at a tile's pixel.
+    fn id(&self, x: usize, y: usize) -> u32 {
+        let (block, lane) = quarter(x, y);
+        self.ids[block].0[lane + x % BLOCK_WIDTH].cast_unsigned()
     }
 }
 
@@ -46,25 +48,18 @@ struct DrawTile<'a> {
     bins: &'a Bins,
     alpha: &'a AlphaTest<'a>,
     tile: usize,
+    /// Used again by the next tile.
+    visibility: &'a mut Visibility,
 }
 
 impl Work for DrawTile<'_> {
-    type Output = Vec<[u32; LANES]>;
+    type Output = ();
 
     #[inline(always)]
-    fn run(self) -> Self::Output {
-        let mut sink = Visibility {
-            depths: vec![[f32::INFINITY; LANES]; BLOCKS],
-            ids: vec![[NOTHING; LANES]; BLOCKS],
-        };
-        draw_tile(
-            self.bins,
-            self.tile,
-            self.alpha,
-            self.alpha.camera.orthographic,
-            &mut sink,
-        );
-        sink.ids
+    fn run<V: Vector>(self, v: V) {
+        self.visibility.depths.fill(Lanes([f32::INFINITY; LANES]));
+        self.visibility.ids.fill(Lanes([NOTHING.cast_signed(); LANES]));
+        draw_tile(v, self.bins, self.tile, self.alpha, self.visibility);
     }
 }
 
@@ -187,28 +182,34 @@ fn shade(row: &mut Row, x: usize, camera: &Camera, pixel: [usize; 2], hit: Optio
 pub fn surface(bins: &Bins, alpha: &AlphaTest, images: &mut Images, cancel: &CancelFlag) -> PyResult<()> {
     let (grid, camera) = (bins.grid, alpha.camera);
     let tiles = split(images, bins);
-    tiles
-        .into_par_iter()
-        .enumerate()
-        .try_for_each(|(tile, mut parts)| {
-            cancel.check()?;
-            let ids = run_widest(DrawTile { bins, alpha, tile });
-            let (origin, (columns, rows)) = (grid.origin(tile), grid.extent(tile));
-            let mut last: Option<(u32, Locator)> = None;
-            for (row, y) in parts.iter_mut().zip(rows) {
-                for x in columns.clone() {
-                    let (block, lane) = block_and_lane(x - origin[0], y - origin[1]);
-                    let id = ids[block][lane];
-                    if id != NOTHING && last.as_ref().is_none_or(|(shown, _)| *shown != id) {
-                        last = Some((id, Locator::new(alpha.data, alpha.first_ids, camera, id)));
-                    }
-                    let hit = last
-                        .as_ref()
-                        .filter(|_| id != NOTHING)
-                        .map(|(_, locator)| locator);
-                    shade(row, x - origin[0], camera, [x, y], hit);
+    let buffer = || Visibility {
+        depths: vec![Lanes([f32::INFINITY; LANES]); BLOCKS],
+        ids: vec![Lanes([NOTHING.cast_signed(); LANES]); BLOCKS],
+    };
+    let tiles = tiles.into_par_iter().enumerate();
+    tiles.try_for_each_init(buffer, |visibility, (tile, mut parts)| {
+        cancel.check()?;
+        run_widest(DrawTile {
+            bins,
+            alpha,
+            tile,
+            visibility,
+        });
+        let (origin, (columns, rows)) = (grid.origin(tile), grid.extent(tile));
+        let mut last: Option<(u32, Locator)> = None;
+        for (row, y) in parts.iter_mut().zip(rows) {
+            for x in columns.clone() {
+                let id = visibility.id(x - origin[0], y - origin[1]);
+                if id != NOTHING && last.as_ref().is_none_or(|(shown, _)| *shown != id) {
+                    last = Some((id, Locator::new(alpha.data, alpha.first_ids, camera, id)));
                 }
+                let hit = last
+                    .as_ref()
+                    .filter(|_| id != NOTHING)
+                    .map(|(_, locator)| locator);
+                shade(row, x - origin[0], camera, [x, y], hit);
             }
-            Ok::<(), PyErr>(())
-        })
+        }
+        Ok::<(), PyErr>(())
+    })
 }

@@ -1,164 +1,211 @@
 //! Drawing a tile: coverage and depth in blocks of 4 x 2 pixels.
 
 use super::alpha::AlphaTest;
-use super::bins::{Bins, Edge, Item, TILE};
-use super::setup::{Plane, Point};
+use super::bins::{Bins, Item, TILE};
+use super::camera::{SUBPIXEL_BITS, SUBPIXELS};
+use super::clip::MAX_CORNERS;
+use super::edge::{Edge, edge};
+use super::setup::{Plane, Point, Triangle};
+use super::simd::{LANES, Lanes, Vector};
 
 pub const BLOCK_WIDTH: usize = 4;
 pub const BLOCK_HEIGHT: usize = 2;
-pub const LANES: usize = BLOCK_WIDTH * BLOCK_HEIGHT;
 pub const BLOCKS_ACROSS: usize = TILE / BLOCK_WIDTH;
 /// Blocks in a tile.
 pub const BLOCKS: usize = BLOCKS_ACROSS * (TILE / BLOCK_HEIGHT);
 
-/// Depths of a block's pixels, `INFINITY` where the triangle is not; lane = x + 4 y.
-pub type Depths = [f32; LANES];
+/// Offsets of a block's pixels from its first one: lane = x + 4 y.
+const LANE_X: Lanes<i32> = Lanes([0, 1, 2, 3, 0, 1, 2, 3]);
+const LANE_Y: Lanes<i32> = Lanes([0, 0, 0, 0, 1, 1, 1, 1]);
+const LANE_X_FLOAT: Lanes<f32> = Lanes([0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0]);
+const LANE_Y_FLOAT: Lanes<f32> = Lanes([0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
 
-/// Where a pixel of a tile is kept: block and lane.
+/// Four neighbouring pixels, `x` to `x + 3`, of a tile's row: their block and first lane.
 #[inline(always)]
-pub fn block_and_lane(x: usize, y: usize) -> (usize, usize) {
-    (
-        (y / BLOCK_HEIGHT) * BLOCKS_ACROSS + x / BLOCK_WIDTH,
-        (y % BLOCK_HEIGHT) * BLOCK_WIDTH + x % BLOCK_WIDTH,
-    )
+pub fn quarter(x: usize, y: usize) -> (usize, usize) {
+    let block = (y / BLOCK_HEIGHT) * BLOCKS_ACROSS + x / BLOCK_WIDTH;
+    (block, (y % BLOCK_HEIGHT) * BLOCK_WIDTH)
 }
 
 /// Keeps what a tile's pixels need of the fragments. Owned by the one task that draws the tile.
 pub trait Sink {
-    /// Whether any of these depths would be kept.
-    fn wants(&self, block: usize, depths: &Depths) -> bool;
-    /// Keeps what it wants of a triangle's depths in a block.
-    fn keep(&mut self, block: usize, depths: &Depths, id: u32);
+    /// Whether any of a block's depths, infinite where the triangle is not, would be kept.
+    fn wants<V: Vector>(&self, v: V, block: usize, depths: V::Float) -> bool;
+    /// Keeps what it wants of them.
+    fn keep<V: Vector>(&mut self, v: V, block: usize, depths: V::Float, id: u32);
+}
+
+/// First and last pixel, relative to the tile.
+type Extent = [[i32; 2]; 2];
+
+/// What is drawn of a triangle inside a tile.
+struct Outline<'a, const N: usize> {
+    extent: Extent,
+    edges: [Edge<i32>; N],
+    plane: &'a Plane,
+    id: u32,
+    alpha: Option<&'a AlphaTest<'a>>,
 }
 
 /// Draws all items of a tile into the sink, in the order of their ids.
 #[inline(always)]
-pub fn draw_tile<S: Sink>(bins: &Bins, tile: usize, alpha: &AlphaTest, orthographic: bool, sink: &mut S) {
-    if orthographic {
-        draw_items::<S, true>(bins, tile, alpha, sink);
+pub fn draw_tile<V: Vector, S: Sink>(v: V, bins: &Bins, tile: usize, alpha: &AlphaTest, sink: &mut S) {
+    if alpha.camera.orthographic {
+        draw_items::<V, S, true>(v, bins, tile, alpha, sink);
     } else {
-        draw_items::<S, false>(bins, tile, alpha, sink);
+        draw_items::<V, S, false>(v, bins, tile, alpha, sink);
     }
 }
 
 #[inline(always)]
-fn draw_items<S: Sink, const ORTHOGRAPHIC: bool>(bins: &Bins, tile: usize, alpha: &AlphaTest, sink: &mut S) {
+fn draw_items<V: Vector, S: Sink, const ORTHOGRAPHIC: bool>(
+    v: V,
+    bins: &Bins,
+    tile: usize,
+    alpha: &AlphaTest,
+    sink: &mut S,
+) {
     let origin = bins.grid.origin(tile);
-    for item in bins.items(tile) {
-        match item {
-            Item::Triangle(t) => {
-                if let Some((box_, edges)) = cover::<3>(bins, origin, &t.points) {
-                    blocks::<S, ORTHOGRAPHIC, 3>(origin, box_, &edges, &t.plane, t.id, None, sink);
+    for chunk in &bins.chunks {
+        for &item in chunk.items(tile) {
+            match chunk.item(item) {
+                Item::Triangle(t) => {
+                    let outline = small(origin, t).or_else(|| {
+                        let (extent, edges) = cover::<3>(origin, &t.points)?;
+                        Some(Outline {
+                            extent,
+                            edges,
+                            plane: &t.plane,
+                            id: t.id,
+                            alpha: None,
+                        })
+                    });
+                    if let Some(outline) = outline {
+                        draw::<V, S, ORTHOGRAPHIC, 3>(v, origin, &outline, sink);
+                    }
                 }
-            }
-            Item::Polygon(p) => {
-                if let Some((box_, edges)) = cover::<9>(bins, origin, &p.points[..p.count]) {
-                    let test = p.alpha_tested.then_some(alpha);
-                    blocks::<S, ORTHOGRAPHIC, 9>(origin, box_, &edges, &p.plane, p.id, test, sink);
+                Item::Polygon(p) => {
+                    if let Some((extent, edges)) = cover::<MAX_CORNERS>(origin, p.points()) {
+                        let outline = Outline {
+                            extent,
+                            edges,
+                            plane: &p.plane,
+                            id: p.id,
+                            alpha: p.alpha_tested.then_some(alpha),
+                        };
+                        draw::<V, S, ORTHOGRAPHIC, MAX_CORNERS>(v, origin, &outline, sink);
+                    }
                 }
             }
         }
     }
 }
 
-/// First and last pixel, relative to the tile.
-type Box = [[usize; 2]; 2];
+/// Pixels whose centres lie in the bounding box of points given relative to the tile, within the tile.
+#[inline(always)]
+fn extent(low: Point, high: Point) -> Extent {
+    let first = |at: i32| ((at + SUBPIXELS - 1) >> SUBPIXEL_BITS).max(0);
+    let last = |at: i32| (at >> SUBPIXEL_BITS).min(TILE as i32 - 1);
+    [[first(low[0]), first(low[1])], [last(high[0]), last(high[1])]]
+}
+
+/// A triangle no larger than a tile: everything fits 32 bits, and no edge need be tested against the tile.
+#[inline(always)]
+fn small<'a>(origin: [usize; 2], t: &'a Triangle) -> Option<Outline<'a, 3>> {
+    let [ox, oy] = origin.map(|o| o as i32 * SUBPIXELS);
+    let [a, b, c] = t.points.map(|p| [p[0] - ox, p[1] - oy]);
+    let low = [a[0].min(b[0]).min(c[0]), a[1].min(b[1]).min(c[1])];
+    let high = [a[0].max(b[0]).max(c[0]), a[1].max(b[1]).max(c[1])];
+    // Coordinates then stay below 2^15 and sides below 2^14: the products are below 2^30.
+    const SIDE: i32 = TILE as i32 * SUBPIXELS;
+    if high[0] - low[0] > SIDE || high[1] - low[1] > SIDE {
+        return None;
+    }
+    Some(Outline {
+        extent: extent(low, high),
+        edges: [edge(a, b), edge(b, c), edge(c, a)],
+        plane: &t.plane,
+        id: t.id,
+        alpha: None,
+    })
+}
 
 /// The part of a tile that an outline may cover and the edges that cross it; edges that hold all over
 /// the tile are left all zero, which is inside. None: the outline misses the tile.
-#[inline(always)]
-fn cover<const N: usize>(bins: &Bins, origin: [usize; 2], points: &[Point]) -> Option<(Box, [Edge<i32>; N])> {
-    let [low, high] = bins.grid.pixels(points)?;
-    let first = |i: usize| (low[i] as usize).max(origin[i]) - origin[i];
-    let last = |i: usize| (high[i] as usize).min(origin[i] + TILE - 1) - origin[i];
+fn cover<const N: usize>(origin: [usize; 2], points: &[Point]) -> Option<(Extent, [Edge<i32>; N])> {
+    let [ox, oy] = origin.map(|o| o as i32 * SUBPIXELS);
+    let (mut low, mut high) = ([i32::MAX; 2], [i32::MIN; 2]);
     let mut edges = [Edge::default(); N];
-    for (i, edge) in edges.iter_mut().enumerate().take(points.len()) {
-        let next = if i + 1 == points.len() { 0 } else { i + 1 };
-        let exact = Edge::between(points[i], points[next]);
-        if exact.largest(origin) < 0 {
+    for (i, here) in edges.iter_mut().enumerate().take(points.len()) {
+        let next = points[if i + 1 == points.len() { 0 } else { i + 1 }];
+        let [a, b] = [points[i], next].map(|p| [p[0] - ox, p[1] - oy]);
+        low = [low[0].min(a[0]), low[1].min(a[1])];
+        high = [high[0].max(a[0]), high[1].max(a[1])];
+        let exact = edge(a.map(i64::from), b.map(i64::from));
+        if exact.largest([0; 2]) < 0 {
             return None;
         }
-        if exact.smallest(origin) < 0 {
-            // The edge crosses the tile, so no value on it exceeds 63 (|dx| + |dy|) < 2^31.
-            *edge = Edge {
-                at: exact.value(origin[0] as i64, origin[1] as i64) as i32,
+        if exact.smallest([0; 2]) < 0 {
+            // The edge crosses the tile, so no value in it exceeds 63 (|dx| + |dy|) < 2^31.
+            *here = Edge {
+                at: exact.at as i32,
                 dx: exact.dx as i32,
                 dy: exact.dy as i32,
             };
         }
     }
-    Some(([[first(0), first(1)], [last(0), last(1)]], edges))
+    Some((extent(low, high), edges))
 }
 
-/// Offsets of a block's pixels from its first one.
-const LANE_X: [i32; LANES] = [0, 1, 2, 3, 0, 1, 2, 3];
-const LANE_Y: [i32; LANES] = [0, 0, 0, 0, 1, 1, 1, 1];
-
 #[inline(always)]
-fn blocks<S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
+fn draw<V: Vector, S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
+    v: V,
     origin: [usize; 2],
-    [low, high]: Box,
-    edges: &[Edge<i32>; N],
-    plane: &Plane,
-    id: u32,
-    alpha: Option<&AlphaTest>,
+    outline: &Outline<'_, N>,
     sink: &mut S,
 ) {
-    let edge_lanes: [[i32; LANES]; N] =
-        std::array::from_fn(|e| std::array::from_fn(|l| edges[e].dx * LANE_X[l] + edges[e].dy * LANE_Y[l]));
-    let (dx, dy) = (plane.dx as f32, plane.dy as f32);
-    let plane_lanes: [f32; LANES] = std::array::from_fn(|l| dx * LANE_X[l] as f32 + dy * LANE_Y[l] as f32);
-    for row in low[1] / BLOCK_HEIGHT..=high[1] / BLOCK_HEIGHT {
-        for column in low[0] / BLOCK_WIDTH..=high[0] / BLOCK_WIDTH {
-            let (x, y) = (column * BLOCK_WIDTH, row * BLOCK_HEIGHT);
-            let mut outside = [0i32; LANES];
-            for (edge, lanes) in edges.iter().zip(&edge_lanes) {
-                let here = edge
-                    .at
-                    .wrapping_add(edge.dx.wrapping_mul(x as i32))
-                    .wrapping_add(edge.dy.wrapping_mul(y as i32));
-                for l in 0..LANES {
-                    outside[l] |= here.wrapping_add(lanes[l]);
-                }
+    let Outline { edges, plane, id, .. } = outline;
+    let [low, high] = outline.extent;
+    let [first, last] = [low, high].map(|p| [p[0] >> 2, p[1] >> 1]);
+    let affine = |dx: i32, dy: i32| {
+        let along = v.mul_int(v.splat_int(dx), v.ints(&LANE_X));
+        v.add_int(along, v.mul_int(v.splat_int(dy), v.ints(&LANE_Y)))
+    };
+    let steps = edges.map(|e| affine(e.dx, e.dy));
+    let plane_steps = v.add(
+        v.mul(v.splat(plane.dx as f32), v.floats(&LANE_X_FLOAT)),
+        v.mul(v.splat(plane.dy as f32), v.floats(&LANE_Y_FLOAT)),
+    );
+    let (nearest, farthest) = (v.splat(plane.nearest), v.splat(plane.farthest));
+    for row in first[1]..=last[1] {
+        for column in first[0]..=last[0] {
+            let (x, y) = (column * BLOCK_WIDTH as i32, row * BLOCK_HEIGHT as i32);
+            let mut outside = v.splat_int(0);
+            for (e, &step) in edges.iter().zip(&steps) {
+                outside = v.or(outside, v.add_int(v.splat_int(e.at + e.dx * x + e.dy * y), step));
             }
-            if outside.iter().fold(-1, |all, o| all & o) < 0 {
+            if v.bits(outside) == (1 << LANES) - 1 {
                 continue;
             }
-            let here = plane.value(origin[0] + x, origin[1] + y) as f32;
-            let mut depths = [0.0; LANES];
-            for l in 0..LANES {
-                let value = here + plane_lanes[l];
-                let depth = if ORTHOGRAPHIC {
-                    value
-                } else {
-                    // Beyond infinity (a plane seen edge on) is far, not behind.
-                    1.0 / if value > f32::MIN_POSITIVE {
-                        value
-                    } else {
-                        f32::MIN_POSITIVE
-                    }
-                };
-                // Written so that NaN becomes `nearest`.
-                let depth = if depth > plane.nearest {
-                    depth
-                } else {
-                    plane.nearest
-                };
-                let depth = if depth < plane.farthest {
-                    depth
-                } else {
-                    plane.farthest
-                };
-                depths[l] = if outside[l] < 0 { f32::INFINITY } else { depth };
+            let pixel = [origin[0] + x as usize, origin[1] + y as usize];
+            let mut depths = v.add(v.splat(plane.value(pixel[0], pixel[1]) as f32), plane_steps);
+            if !ORTHOGRAPHIC {
+                // What lies beyond infinity (a plane seen edge on) is far, not behind.
+                depths = v.div(v.splat(1.0), v.max(depths, v.splat(f32::MIN_POSITIVE)));
             }
-            let block = row * BLOCKS_ACROSS + column;
-            if !sink.wants(block, &depths) {
+            depths = v.min(v.max(depths, nearest), farthest);
+            depths = v.select(outside, v.splat(f32::INFINITY), depths);
+            let block = row as usize * BLOCKS_ACROSS + column as usize;
+            if !sink.wants(v, block, depths) {
                 continue;
             }
-            if let Some(alpha) = alpha {
-                alpha.cut(&mut depths, id, origin[0] + x, origin[1] + y);
+            if let Some(alpha) = outline.alpha {
+                let mut cut = Lanes([0.0; LANES]);
+                v.store_floats(depths, &mut cut);
+                alpha.cut(&mut cut, *id, pixel);
+                depths = v.floats(&cut);
             }
-            sink.keep(block, &depths, id);
+            sink.keep(v, block, depths, *id);
         }
     }
 }

@@ -19,7 +19,7 @@ use crate::geometry::Geometry;
 use bvh::Nearest;
 use lanes::{LANES, Work, dispatch};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
-use packet::{HIT, Packet};
+use packet::{HIT, IDLE, Packet};
 use pattern::Pattern;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -91,7 +91,7 @@ impl<const NEAREST: bool> Work for Rays<'_, NEAREST> {
             let mut packet = Packet::EMPTY;
             let mut nearest = Nearest::NONE;
             let rays = first..(first + LANES).min(self.origins.len());
-            let mut shared = rays.len() == LANES;
+            let mut shared = true;
             for (lane, ray) in rays.enumerate() {
                 let (origin, direction) = (self.origins[ray], self.directions[ray]);
                 let finite = origin
@@ -99,9 +99,14 @@ impl<const NEAREST: bool> Work for Rays<'_, NEAREST> {
                     .chain(&direction)
                     .fold(true, |f, x| f & x.is_finite());
                 let traced = finite && self.t_max[ray] > 0.0;
-                shared &= traced && origin == self.origins[first];
-                if traced {
-                    packet.set(lane, origin, direction, self.t_max[ray].min(f32::MAX));
+                shared &= origin == self.origins[first];
+                if finite {
+                    let t_max = if traced {
+                        self.t_max[ray].min(f32::MAX)
+                    } else {
+                        IDLE
+                    };
+                    packet.set(lane, origin, direction, t_max);
                 }
             }
             packet.prepare();

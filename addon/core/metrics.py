@@ -1,0 +1,103 @@
+"""How wrong an image is: the one definition of every error figure, in float64.
+
+`weights` say how much a pixel matters (soft shadow: the unshadowed irradiance). `sampling` says how many
+pixels a sample stands for; None: every pixel is there, once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+NEGLIGIBLE_WEIGHT = 0.01
+"""Quantiles look at pixels whose weight is above this share of the mean weight: what is nearly unlit may be
+wrong, but nobody sees it."""
+
+
+def _together(*arrays) -> list[np.ndarray]:
+    return [np.asarray(array, np.float64).reshape(-1) for array in arrays]
+
+
+def _sampling(sampling, like: np.ndarray) -> np.ndarray:
+    return np.ones_like(like) if sampling is None else np.asarray(sampling, np.float64).reshape(-1)
+
+
+def weighted_rmse(errors, weights, sampling=None) -> float:
+    """sqrt(sum of weight * error^2 / sum of weight); 0 if nothing has weight."""
+    errors, weights = _together(errors, weights)
+    weights = weights * _sampling(sampling, weights)
+    total = weights.sum()
+    return float(np.sqrt((weights * errors**2).sum() / total)) if total > 0.0 else 0.0
+
+
+def weighted_bias(errors, weights, sampling=None) -> float:
+    """sum of weight * error / sum of weight; 0 if nothing has weight."""
+    errors, weights = _together(errors, weights)
+    weights = weights * _sampling(sampling, weights)
+    total = weights.sum()
+    return float((weights * errors).sum() / total) if total > 0.0 else 0.0
+
+
+def seen(weights, sampling=None) -> np.ndarray:
+    """(N,) bool: weight above 1% of its mean."""
+    (weights,) = _together(weights)
+    sampling = _sampling(sampling, weights)
+    count = sampling.sum()
+    mean = (weights * sampling).sum() / count if count > 0.0 else 0.0
+    return weights > NEGLIGIBLE_WEIGHT * mean
+
+
+def quantile(errors, weights, share: float, sampling=None) -> float:
+    """The smallest |error| that at least `share` of the seen pixels do not exceed; 0 if none is seen."""
+    errors, weights = _together(errors, weights)
+    sampling = _sampling(sampling, weights)
+    keep = seen(weights, sampling)
+    sizes, sampling = np.abs(errors[keep]), sampling[keep]
+    if not sizes.size:
+        return 0.0
+    order = np.argsort(sizes)
+    reached = np.cumsum(sampling[order])
+    # Rounding in the sum must not push the last step out of reach.
+    index = np.searchsorted(reached, share * reached[-1] * (1.0 - 1e-12))
+    return float(sizes[order][min(index, sizes.size - 1)])
+
+
+def maximum(errors, weights, sampling=None) -> float:
+    """The largest |error| of the seen pixels; 0 if none is seen."""
+    errors, weights = _together(errors, weights)
+    keep = seen(weights, sampling)
+    return float(np.abs(errors[keep]).max(initial=0.0))
+
+
+def relative_l2(values, truths, sampling=None) -> float:
+    """Root mean square of value - truth over the mean |truth|. Infinite where the truth is all 0 and the
+    values are not."""
+    values, truths = _together(values, truths)
+    sampling = _sampling(sampling, truths)
+    count = sampling.sum()
+    if count <= 0.0:
+        return 0.0
+    root = float(np.sqrt((sampling * (values - truths) ** 2).sum() / count))
+    mean = float((sampling * np.abs(truths)).sum() / count)
+    if mean > 0.0:
+        return root / mean
+    return np.inf if root > 0.0 else 0.0
+
+
+def wrong_share(values, truths, tolerance: float = 0.0, sampling=None) -> float:
+    """Share of the pixels that are off by more than `tolerance`."""
+    values, truths = _together(values, truths)
+    sampling = _sampling(sampling, truths)
+    count = sampling.sum()
+    return float((sampling * (np.abs(values - truths) > tolerance)).sum() / count) if count > 0.0 else 0.0
+
+
+def antialiasing_error(spread, samples: int) -> float | None:
+    """RMS standard error of pixels that are means of `samples` samples; None for one sample, which tells
+    nothing. `spread`: each pixel's mean squared deviation of its samples from their mean.
+
+    It is that of independent samples. Well-spread ones converge faster, so it errs on the high side.
+    """
+    if samples < 2:
+        return None
+    spread = np.asarray(spread, np.float64)
+    return float(np.sqrt(spread[np.isfinite(spread)].sum() / max(spread.size, 1) / (samples - 1)))

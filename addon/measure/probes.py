@@ -1,0 +1,222 @@
+"""Which pixels a layer's error is measured at: a random choice from each stratum, drawn as tiles stream by.
+
+Every pixel has a priority, the hash of (seed, effect, frame, pixel); a stratum keeps its smallest ones. That
+is a simple random sample without replacement, the same however the image is tiled, and its smallest ones are
+such a sample too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.emitter import Emitter
+from ..core.random import hash_bits, text_bits
+from ..core.surface import Chunk, SurfacePoints
+from .difficulty import MARGIN, Difficulty, Ground, classify
+
+POINT_ATTRIBUTES = ("position", "geometric_normal", "shading_normal")
+ALL = np.uint32(0xFFFFFFFF)
+BAND_PIXELS = 1 << 15
+
+# Pixels kept for each probe asked for: screening costs a ray or two a pixel, a probe 256.
+KEPT = {
+    Difficulty.PENUMBRA: 12,
+    Difficulty.EDGE: 16,
+    Difficulty.TERMINATOR: 16,
+    Difficulty.REST: 64,
+}
+
+
+@dataclass(frozen=True)
+class Watched:
+    """A scalar layer of one light. `receivers`: instances that the light lights, None for all."""
+
+    name: str
+    effect: str
+    emitter: Emitter
+    receivers: frozenset[int] | None = None
+
+
+@dataclass(frozen=True)
+class Stratum:
+    """A random choice of the `population` pixels of one difficulty: `pixels` (N,) uint32, row * width +
+    column, ascending, so that rays of neighbours run together; their random `priorities` (N,) uint32; the
+    layer's `values` (N,) float64 there and the surface `points`."""
+
+    difficulty: Difficulty
+    population: int
+    pixels: np.ndarray
+    priorities: np.ndarray
+    values: np.ndarray
+    points: SurfacePoints
+
+    def first(self, count: int) -> Stratum:
+        """The same with at most `count` pixels."""
+        if count >= len(self.pixels):
+            return self
+        index = np.sort(np.argpartition(self.priorities, count)[:count])
+        columns = (column[index] for column in (self.pixels, self.priorities, self.values))
+        return Stratum(self.difficulty, self.population, *columns, take(self.points, index))
+
+
+def take(points: SurfacePoints, index) -> SurfacePoints:
+    return SurfacePoints(
+        points.position[index], points.geometric_normal[index], points.shading_normal[index], points.eye
+    )
+
+
+def together(points: list[SurfacePoints]) -> SurfacePoints:
+    """One after the other; they share an eye."""
+    columns = (np.concatenate([getattr(each, name) for each in points]) for name in POINT_ATTRIBUTES)
+    return SurfacePoints(*columns, points[0].eye)
+
+
+class _Smallest:
+    """The `capacity` rows of smallest priority of all that are offered."""
+
+    def __init__(self, capacity: int):
+        self.capacity = capacity
+        self.population = 0
+        self.columns: list[np.ndarray] | None = None  # priority first
+        self._bound = ALL
+
+    def bound(self, offered: int) -> np.uint32:
+        """Counts `offered` more rows; priorities above the result need not be looked at, most likely."""
+        self.population += offered
+        wanted = self.capacity + 6.0 * self.capacity**0.5 + 16.0
+        if self.population > wanted:
+            self._bound = min(self._bound, np.uint32(float(ALL) * wanted / self.population))
+        return self._bound
+
+    def enough(self, chosen: int) -> bool:
+        """Whether `chosen` new rows, all those up to the bound, leave nothing out."""
+        held = 0 if self.columns is None else int((self.columns[0] <= self._bound).sum())
+        if held + chosen >= min(self.capacity, self.population):
+            return True
+        self._bound = ALL
+        return False
+
+    def add(self, columns: list[np.ndarray], index: np.ndarray) -> None:
+        """Offers the rows `index` of `columns`."""
+        index = index[self._least(columns[0].take(index))]
+        chosen = [column.take(index, axis=0) for column in columns]
+        if self.columns is not None:
+            chosen = [np.concatenate(pair) for pair in zip(self.columns, chosen, strict=True)]
+            order = self._least(chosen[0])
+            chosen = [column[order] for column in chosen]
+        if len(chosen[0]) == self.capacity:
+            self._bound = min(self._bound, chosen[0].max())
+        self.columns = chosen
+
+    def _least(self, priorities: np.ndarray):
+        """Index of the `capacity` smallest."""
+        if len(priorities) <= self.capacity:
+            return slice(None)
+        return np.argpartition(priorities, self.capacity - 1)[: self.capacity]
+
+
+class ProbeCollector:
+    """Sees the first sample's tiles and keeps, for every watched layer, each stratum's probes.
+
+    `eye` (3,) float64 world position that surfaces are relative to. Memory: about 50 bytes for each pixel
+    kept, at most 108 times `probes` pixels a layer. Surfaces need POINT_ATTRIBUTES, and "instance" where a
+    layer has receivers.
+    """
+
+    def __init__(self, watched: Iterable[Watched], eye, probes: int, seed: int, frame: int):
+        self._watched = tuple(watched)
+        self._eye = np.asarray(eye, np.float64)
+        self._seed, self._frame = seed, frame
+        self._kept = {
+            layer.name: {kind: _Smallest(times * probes) for kind, times in KEPT.items()}
+            for layer in self._watched
+        }
+        self._held: dict[str, np.ndarray] = {}  # rows whose neighbours have not come yet, and theirs
+        self._seen_rows = self._drawn_rows = 0
+
+    def add(self, chunk: Chunk, surface: dict[str, np.ndarray], layers: dict[str, np.ndarray]) -> None:
+        """`surface` and `layers`: host arrays (rows, width[, channels]). Tiles come bottom up; samples after
+        the first are passed over."""
+        if chunk.sample != 0 or not self._watched:
+            return
+        attributes = [*POINT_ATTRIBUTES, *(["instance"] if "instance" in surface else [])]
+        block = {name: surface[name] for name in attributes}
+        block |= {("layer", layer.name): layers[layer.name] for layer in self._watched}
+        if chunk.y0 != self._seen_rows:
+            raise ValueError(f"the tile at row {chunk.y0} came before that at row {self._seen_rows}")
+        first_row = chunk.y0
+        if self._held:
+            first_row -= len(self._held["position"])
+            block = {name: np.concatenate([self._held[name], block[name]]) for name in block}
+        last = chunk.y1 == chunk.height
+        stop = chunk.y1 if last else max(chunk.y1 - MARGIN, self._drawn_rows)
+        self._draw(block, first_row, slice(self._drawn_rows, stop))
+        self._seen_rows, self._drawn_rows = chunk.y1, stop
+        keep = max(stop - MARGIN - first_row, 0)
+        self._held = {} if last else {name: array[keep:].copy() for name, array in block.items()}
+
+    def _draw(self, block: dict, first_row: int, rows: slice) -> None:
+        """Offers the pixels of `rows` of the image; `block` starts at row `first_row`, with neighbours."""
+        width = block["position"].shape[1]
+        drawn = slice((rows.start - first_row) * width, (rows.stop - first_row) * width)
+        codes = self._classify(block, slice(rows.start - first_row, rows.stop - first_row))
+        pixels = np.arange(rows.start * width, rows.stop * width, dtype=np.uint32)
+        points = [block[name].reshape(-1, 3)[drawn] for name in POINT_ATTRIBUTES]
+        priorities: dict[str, np.ndarray] = {}
+        for layer in self._watched:
+            if layer.effect not in priorities:
+                words = text_bits(layer.effect), self._frame & 0xFFFFFFFF, pixels
+                priorities[layer.effect] = hash_bits(self._seed, *words)
+            code = codes[layer.name]
+            if layer.receivers is not None:
+                lit = np.isin(block["instance"].reshape(-1)[drawn], sorted(layer.receivers))
+                code[~lit] = Difficulty.DARK
+            values = block["layer", layer.name].reshape(-1)[drawn]
+            self._offer(self._kept[layer.name], code, [priorities[layer.effect], pixels, values, *points])
+
+    def _classify(self, block: dict, rows: slice) -> dict[str, np.ndarray]:
+        """Each layer's Difficulty (pixels,) uint8 at `rows` of the block: a few rows at a time, since what
+        stays in the cache is twice as fast."""
+        height, width = block["position"].shape[:2]
+        codes = {layer.name: np.empty((rows.stop - rows.start) * width, np.uint8) for layer in self._watched}
+        step = max(BAND_PIXELS // width, 1)
+        for y0 in range(rows.start, rows.stop, step):
+            y1 = min(y0 + step, rows.stop)
+            near = slice(max(y0 - MARGIN, 0), min(y1 + MARGIN, height))
+            ground = Ground({name: block[name][near] for name in POINT_ATTRIBUTES})
+            inner = slice((y0 - near.start) * width, (y1 - near.start) * width)
+            outer = slice((y0 - rows.start) * width, (y1 - rows.start) * width)
+            for layer in self._watched:
+                values = block["layer", layer.name][near]
+                codes[layer.name][outer] = classify(ground, values, layer.emitter, self._eye)[inner]
+        return codes
+
+    @staticmethod
+    def _offer(kept: dict[Difficulty, _Smallest], code: np.ndarray, columns: list[np.ndarray]) -> None:
+        counts = np.bincount(code, minlength=len(Difficulty))
+        bounds = np.zeros(len(Difficulty), np.uint32)
+        for kind, smallest in kept.items():
+            bounds[kind] = smallest.bound(int(counts[kind]))
+        # One pass over the priorities finds the candidates of all strata. Dark pixels have no sample.
+        chosen = np.flatnonzero((columns[0] <= bounds.take(code)) & (code != Difficulty.DARK))
+        for kind, smallest in kept.items():
+            index = chosen[code[chosen] == kind]
+            if not smallest.enough(len(index)):
+                index = np.flatnonzero(code == kind)
+            smallest.add(columns, index)
+
+    def strata(self, name: str) -> dict[Difficulty, Stratum]:
+        """What was kept for a layer, once all tiles were seen; strata without pixels are left out."""
+        result = {}
+        for kind, smallest in self._kept[name].items():
+            if smallest.population:
+                order = np.argsort(smallest.columns[1])
+                priorities, pixels, values, *points = (column[order] for column in smallest.columns)
+                # A viewer shows what is not finite as black, so that is what it counts as.
+                values = np.nan_to_num(values.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+                points = SurfacePoints(*points, self._eye)
+                result[kind] = Stratum(kind, smallest.population, pixels, priorities, values, points)
+        return result

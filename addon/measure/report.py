@@ -1,0 +1,245 @@
+"""The report of a bake: what ran, how long it took, how wrong it is, and what was left out and why.
+
+`Report.to_json` is what `--report` writes; `format_table` is the same for a person.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..core.graph import Graph
+from ..core.metrics import antialiasing_error
+from ..core.outline import Outline
+from ..core.version import VERSION
+from .table import columns, heading, wrapped
+
+SIGNIFICANT_DIGITS = 6
+STEPS_SHOWN = 10
+
+
+@dataclass(frozen=True)
+class StepTime:
+    """Seconds of one step, summed over its tiles and samples."""
+
+    name: str
+    instance: str
+    device: str
+    seconds: float
+
+    def to_json(self) -> dict[str, Any]:
+        return {**vars(self), "seconds": rounded(self.seconds)}
+
+
+@dataclass(frozen=True)
+class LayerError:
+    """A layer's error (design "What error means"); `seconds` is what measuring it took."""
+
+    metric: str
+    value: float
+    ci95: tuple[float, float]
+    bias: float
+    p99: float
+    max: float
+    probes: int
+    reference: str
+    reference_noise: float
+    seconds: float
+
+    def to_json(self) -> dict[str, Any]:
+        numbers = {key: rounded(item) for key, item in vars(self).items() if isinstance(item, float)}
+        return {**vars(self), **numbers, "ci95": [rounded(limit) for limit in self.ci95]}
+
+
+@dataclass(frozen=True)
+class LayerReport:
+    """One layer. `seconds` are its own steps', `seconds_alone` what baking only it would have cost;
+    `antialiasing`: RMS standard error of its pixels (core/metrics.py), None for one sample a pixel."""
+
+    name: str
+    effect: str
+    light: str
+    seconds: float
+    seconds_alone: float
+    non_finite: int
+    error: LayerError | None
+    antialiasing: float | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        plain = {key: rounded(item) if isinstance(item, float) else item for key, item in vars(self).items()}
+        if self.error is None:
+            del plain["error"]
+        else:
+            plain["error"] = self.error.to_json()
+        if self.antialiasing is None:
+            del plain["antialiasing"]
+        return plain
+
+
+@dataclass(frozen=True)
+class Report:
+    """`left_out`: pairs of what and why. `peak_mb`: the process's largest resident memory so far, MiB."""
+
+    strata: str
+    blender: str
+    scene: str
+    frame: int
+    size: tuple[int, int]
+    seed: int
+    backend: str
+    backend_reason: str
+    seconds: float
+    compile_seconds: float
+    peak_mb: int
+    steps: tuple[StepTime, ...]
+    layers: tuple[LayerReport, ...]
+    left_out: tuple[tuple[str, str], ...]
+    warnings: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain dicts, lists, strings and finite numbers."""
+        return {
+            **vars(self),
+            "size": list(self.size),
+            "seconds": rounded(self.seconds),
+            "compile_seconds": rounded(self.compile_seconds),
+            "steps": [step.to_json() for step in self.steps],
+            "layers": [layer.to_json() for layer in self.layers],
+            "left_out": [{"what": what, "reason": reason} for what, reason in self.left_out],
+            "warnings": list(self.warnings),
+        }
+
+
+def rounded(value: float) -> float:
+    """Six significant digits; JSON knows no infinity, so that what is not finite is an error here."""
+    if not np.isfinite(value):
+        raise ValueError(f"{value} has no place in a report")
+    return float(f"{value:.{SIGNIFICANT_DIGITS}g}")
+
+
+def report_of(
+    *,
+    outline: Outline,
+    graph: Graph,
+    backend: str,
+    backend_reason: str,
+    seed: int,
+    seconds: float,
+    compile_seconds: float,
+    steps: Iterable[StepTime],
+    images: Mapping[str, np.ndarray],
+    costs: Mapping[str, tuple[float, float]],
+    errors: Mapping[str, LayerError],
+    warnings: Sequence[str],
+    spread: Mapping[str, np.ndarray] | None = None,
+    samples: int = 1,
+) -> Report:
+    """Puts a bake's figures together. By layer name: `images`, `costs` (seconds, seconds alone), `errors` of
+    the layers that were measured, and `spread` (Execution.spread) of `samples` samples a pixel."""
+    layers = [
+        LayerReport(
+            layer.name,
+            layer.effect,
+            layer.light,
+            *costs[layer.name],
+            int(np.count_nonzero(~np.isfinite(images[layer.name]))),
+            errors.get(layer.name),
+            antialiasing_error(spread[layer.name], samples) if spread else None,
+        )
+        for layer in graph.layers
+        if layer.effect
+    ]
+    bpy = sys.modules.get("bpy")  # the Blender that this runs in, if it does; nothing here needs one
+    return Report(
+        strata=VERSION,
+        blender=bpy.app.version_string if bpy else "",
+        scene=outline.scene_name,
+        frame=outline.frame,
+        size=outline.size,
+        seed=seed,
+        backend=backend,
+        backend_reason=backend_reason,
+        seconds=seconds,
+        compile_seconds=compile_seconds,
+        peak_mb=peak_mb(),
+        steps=tuple(steps),
+        layers=tuple(layers),
+        left_out=tuple((left.what, left.reason) for left in graph.left_out),
+        warnings=tuple(dict.fromkeys(warnings)),
+    )
+
+
+def peak_mb() -> int:
+    """The process's largest resident memory so far, MiB; 0 where the system does not say (Windows)."""
+    try:
+        # Not getrusage's figure: on Linux that survives exec, so a child starts with its parent's.
+        with open("/proc/self/status", encoding="ascii", errors="replace") as status:
+            kilobytes = next(line.split()[1] for line in status if line.startswith("VmHWM:"))
+        return round(int(kilobytes) / 1024)
+    except (OSError, StopIteration):
+        pass
+    try:
+        import resource
+    except ImportError:
+        return 0
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20)  # bytes on macOS
+
+
+def format_table(report: Report) -> str:
+    """The report for a person, at most 110 columns wide."""
+    width, height = report.size
+    lines = [
+        heading(f"{report.scene}, frame {report.frame}, {width} x {height}"),
+        *wrapped(f"{report.backend} ({report.backend_reason})", "backend  "),
+        f"time     {_seconds(report.seconds)} in all"
+        + (f", of which {_seconds(report.compile_seconds)} compiling" if report.compile_seconds else "")
+        + (f"; peak memory {report.peak_mb} MB" if report.peak_mb else ""),
+        "",
+        *columns(
+            ["layer", "seconds", "error", "95% interval", "99% below", "max", "metric"], _layer_rows(report)
+        ),
+        "",
+        *columns(["step", "for", "device", "seconds"], _step_rows(report)),
+    ]
+    if report.left_out:
+        lines += ["", "left out"]
+        lines += [line for what, why in report.left_out for line in wrapped(why, f"  {what}: ")]
+    if report.warnings:
+        lines += ["", "warnings"]
+        lines += [line for warning in report.warnings for line in wrapped(warning, "  ")]
+    return "\n".join(lines)
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.2f} s"
+
+
+def _layer_rows(report: Report) -> list[list[str]]:
+    rows = []
+    for layer in report.layers:
+        row = [layer.name, f"{layer.seconds:.2f}"]
+        if layer.error is None:
+            row += ["not measured", "", "", "", ""]
+        else:
+            error = layer.error
+            low, high = error.ci95
+            row += [f"{error.value:.4f}", f"{low:.4f} to {high:.4f}", f"{error.p99:.3f}", f"{error.max:.3f}"]
+            row.append(error.metric)
+        if layer.non_finite:
+            row[-1] = f"{row[-1]}; {layer.non_finite} values are not finite".lstrip("; ")
+        rows.append(row)
+    return rows
+
+
+def _step_rows(report: Report) -> list[list[str]]:
+    """The slowest steps, then all others as one."""
+    steps = sorted(report.steps, key=lambda step: -step.seconds)
+    shown, others = steps[:STEPS_SHOWN], steps[STEPS_SHOWN:]
+    rows = [[step.name, step.instance, step.device, f"{step.seconds:.3f}"] for step in shown]
+    if others:
+        rows.append([f"{len(others)} others", "", "", f"{sum(step.seconds for step in others):.3f}"])
+    return rows

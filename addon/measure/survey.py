@@ -1,0 +1,123 @@
+"""A stratum under measurement: screened with few rays, then looked at with many where that pays.
+
+`BinarySurvey` and `PenumbraSurvey` offer `groups` of pixels (indices, in random order) with a `wish` for
+probes each; `estimate` takes what the probes of each group found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.surface import SurfacePoints
+from .estimate import Group, Measured, binary_part, grouped_part
+from .interval import Part
+from .probes import Stratum
+
+SCREENING_SAMPLES = 4
+"""Rays of each half that sorts the penumbra's pixels into groups."""
+
+EDGES = (0.2, 0.4, 1.0)
+"""The groups' largest differences between layer and screening. Eight well-spread rays err by about 0.1, so
+that few correct pixels leave the first group, and no error of 0.6 stays in it."""
+
+Screen = Callable[[SurfacePoints, int], tuple[np.ndarray, np.ndarray]]
+"""screen(points, seed): (N, R) estimates of visibility by one ray each, 0 or 1, and the weights (N,)."""
+
+Reference = Callable[[SurfacePoints, int, int], tuple[np.ndarray, np.ndarray]]
+"""reference(points, samples, seed): (N, 2) independent estimates by `samples` rays each, and weights (N,)."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a stratum adds to the image. `part`: the sum over its pixels of weight * error^2; `weight` and
+    `bias`: those of weight and of weight * error; `errors`, `weights` and `sampling` (N,): pixels that
+    stand for all of it."""
+
+    part: Part
+    weight: float
+    bias: float
+    errors: np.ndarray
+    weights: np.ndarray
+    sampling: np.ndarray
+
+
+class BinarySurvey:
+    """Pixels that the layer calls wholly lit or wholly dark: one group, those that some ray contradicts."""
+
+    def __init__(self, stratum: Stratum, screen: Screen, seed: int):
+        self.stratum = stratum
+        estimates, weights = screen(stratum.points, seed)
+        self._estimates = np.asarray(estimates, np.float64)
+        self._weights = np.asarray(weights, np.float64)
+        contradicted = (np.abs(self._estimates - stratum.values[:, None]) > 0.5).any(axis=1)
+        self.groups = [_shuffled(np.flatnonzero(contradicted), stratum)]
+        self.wishes = [len(self.groups[0]) * stratum.population / max(len(stratum.values), 1)]
+        self._agreed = np.flatnonzero(~contradicted)
+
+    def estimate(self, measured: Sequence[Measured]) -> Estimate:
+        (found,) = measured
+        population, screened = self.stratum.population, len(self.stratum.values)
+        rays = self._estimates.shape[1]
+        part, sampling = binary_part(population, self._weights, len(self.groups[0]), rays, found)
+        # One ray is an unbiased estimate, so the bias needs no probes.
+        differences = self.stratum.values - self._estimates.mean(axis=1)
+        others = max(population - sampling.sum(), 0.0) / max(len(self._agreed), 1)
+        return Estimate(
+            part,
+            population * float(self._weights.mean()),
+            population / screened * float((self._weights * differences).sum()),
+            np.concatenate([found.errors, np.zeros(len(self._agreed))]),
+            np.concatenate([found.weights, self._weights[self._agreed]]),
+            np.concatenate([sampling, np.full(len(self._agreed), others)]),
+        )
+
+
+class PenumbraSurvey:
+    """Pixels that the layer says are partly lit, grouped by how far a few rays are from it."""
+
+    def __init__(self, stratum: Stratum, reference: Reference, seed: int):
+        self.stratum = stratum
+        halves, weights = reference(stratum.points, SCREENING_SAMPLES, seed)
+        self._weights = np.asarray(weights, np.float64)
+        differences = np.abs(stratum.values - np.asarray(halves, np.float64).mean(axis=1))
+        group = np.digitize(differences, EDGES[:-1])
+        self.groups = [_shuffled(np.flatnonzero(group == index), stratum) for index in range(len(EDGES))]
+        # Equal steps of what a probe more or less can change.
+        self.wishes = [len(members) * edge**2 for members, edge in zip(self.groups, EDGES, strict=True)]
+
+    def estimate(self, measured: Sequence[Measured]) -> Estimate:
+        population = self.stratum.population
+        sizes = [len(members) for members in self.groups]
+        groups = [Group(*each) for each in zip(sizes, EDGES, measured, strict=True)]
+        part, sampling = grouped_part(population, self._weights, self.stratum.values, groups)
+        errors = np.concatenate([found.errors for found in measured])
+        weights = np.concatenate([found.weights for found in measured])
+        sampling = np.concatenate(sampling)
+        bias = float((sampling * weights * errors).sum())
+        return Estimate(part, population * float(self._weights.mean()), bias, errors, weights, sampling)
+
+
+def _shuffled(members: np.ndarray, stratum: Stratum) -> np.ndarray:
+    return members[np.argsort(stratum.priorities[members])]
+
+
+def allot(total: int, sizes: Sequence[int], wishes: Sequence[float]) -> list[int]:
+    """Shares `total` probes out in proportion to `wishes`, none above its size. Every group gets two if it
+    has as many, even beyond the total: an empty one would bias the estimate."""
+    sizes, wishes = np.asarray(sizes, np.int64), np.asarray(wishes, np.float64)
+    given = np.minimum(sizes, 2)
+    open_groups = given < sizes
+    while open_groups.any() and given.sum() < total:
+        wish = np.where(open_groups, wishes, 0.0)
+        left = total - int(given[~open_groups].sum())
+        wanted = np.floor(left * wish / wish.sum()).astype(np.int64)
+        full = open_groups & (wanted >= sizes)
+        if not full.any():
+            given = np.where(open_groups, np.maximum(wanted, given), given)
+            break
+        given[full] = sizes[full]
+        open_groups &= ~full
+    return given.tolist()

@@ -1,0 +1,37 @@
+"""What several tests need: scenes, and devices that must be there when CI says so."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+SAMPLES = ROOT / "sample_blends"
+
+
+def scene_files() -> list[Path]:
+    """The sample scenes, and every .blend of the folder that STRATA_SCENES names."""
+    found = sorted(SAMPLES.glob("*.blend"))
+    if folder := os.environ.get("STRATA_SCENES"):
+        others = sorted(Path(folder).glob("*.blend"))
+        assert others, f"STRATA_SCENES names a folder without .blend files: {folder}"
+        found += others
+    return found
+
+
+@pytest.fixture(params=["cpu", "gpu"])
+def backend(request) -> str:
+    """Each device in turn. Without a GPU its tests are skipped, or fail if STRATA_EXPECT_GPU is 1."""
+    if request.param == "gpu":
+        from strata.addon.core.errors import DeviceUnavailable
+        from strata.addon.devices.gpu import GpuDevice
+
+        try:
+            GpuDevice()
+        except DeviceUnavailable as reason:
+            if os.environ.get("STRATA_EXPECT_GPU") == "1":
+                pytest.fail(f"a GPU was expected: {reason}")
+            pytest.skip(f"no GPU: {reason}")
+    return request.param
