@@ -49,5 +49,5 @@ class RayCaster(Protocol):
     def screen(self, casters: np.ndarray, emitter: Emitter, points: SurfacePoints, seed: int) -> np.ndarray:
         """(N, 2) uint8: two independent estimates of each point's visibility by one ray each, 0 or 1."""
 
-    def irradiance(self, emitter: Emitter, points: SurfacePoints, seed: int) -> np.ndarray:
-        """(N,) float32: what each point gets at radiance 1 if nothing is in the way, by a few samples."""
+    def irradiance(self, emitter: Emitter, points: SurfacePoints) -> np.ndarray:
+        """(N,) float32: what each point gets at radiance 1 if nothing is in the way."""

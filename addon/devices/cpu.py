@@ -13,8 +13,6 @@ from ..core.emitter import Emitter
 from ..core.outline import Outline
 from ..core.surface import SurfacePoints
 
-IRRADIANCE_SAMPLES = 16  # as many as the kernel takes at once
-
 
 class CpuDevice:
     """Runs the Rust kernels; its values are numpy arrays and kernel handles."""
@@ -100,18 +98,7 @@ class CpuRays:
             seed,
         )
 
-    def irradiance(self, emitter: Emitter, points: SurfacePoints, seed: int) -> np.ndarray:
+    def irradiance(self, emitter: Emitter, points: SurfacePoints) -> np.ndarray:
         """(N,) float32: what each point gets at radiance 1 if nothing is in the way."""
-        nothing = strata_kernels.Accel(strata_kernels.Geometry(), self.origin)
-        _, weights = strata_kernels.ray_visibility(
-            nothing,
-            None,
-            emitter.packed(),
-            points.eye,
-            points.position,
-            points.geometric_normal,
-            points.shading_normal,
-            IRRADIANCE_SAMPLES,
-            seed,
-        )
-        return weights
+        position, normal = points.position[None], points.shading_normal[None]
+        return strata_kernels.irradiance(position, normal, points.eye, emitter.packed())[0]

@@ -52,8 +52,7 @@ class Measurement:
         evaluate = effect_named(layer.effect).reference
 
         def screen(points, seed):
-            estimates = rays.screen(casters, light.emitter, points, seed)
-            return estimates, rays.irradiance(light.emitter, points, seed)
+            return rays.screen(casters, light.emitter, points, seed), rays.irradiance(light.emitter, points)
 
         def reference(points, samples, seed):
             return evaluate(rays, ShadowLight(light.emitter, casters), points, samples, seed)
