@@ -11,3 +11,12 @@ class Cancelled(Exception):
 
 class DeviceUnavailable(Exception):
     """A device does not start here; the message says why."""
+
+
+class ShaderError(Exception):
+    """A GPU program does not compile here. `log` is what the compiler said."""
+
+    def __init__(self, name: str, log: str):
+        first = next((line.strip(" |") for line in log.splitlines() if "rror:" in line), log[:200])
+        super().__init__(f"shader '{name}' does not compile: {first}")
+        self.log = log

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import strata_kernels
 
-from ..core.arrays import Arrays
+from ..core.arrays import Arrays, MeshArrays
 from ..core.emitter import Emitter
 from ..core.outline import Outline
 from ..core.surface import SurfacePoints
@@ -71,6 +71,11 @@ class CpuDevice:
 
     def release(self, value: Any) -> None:
         pass
+
+
+def triangulate(mesh: MeshArrays) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of each triangle (T, 3) and its face (T,), int32, as in `CpuDevice.geometry`."""
+    return strata_kernels.triangulate(mesh.positions, mesh.corner_vertices, mesh.face_starts)
 
 
 class CpuRays:

@@ -8,6 +8,7 @@ from ...core.graph import Node, Step
 from ...core.outline import Outline
 from ...core.recorder import Recorder
 from ...core.view import View
+from . import gpu_steps
 
 
 def _geometry(device, scene):
@@ -45,11 +46,11 @@ def _ray_accelerator(device, geometry, eye, casters):
 
 
 # The scene's meshes and instances, on the device.
-GEOMETRY = Step("geometry", cpu=_geometry, copyable=False)
+GEOMETRY = Step("geometry", cpu=_geometry, gpu=gpu_steps.geometry, copyable=False)
 # Shading points of one tile and sample: a dict of attribute arrays (core/surface.py).
-SURFACE = Step("surface", cpu=_surface, per_surface=True)
+SURFACE = Step("surface", cpu=_surface, gpu=gpu_steps.surface, per_surface=True)
 # The nearest `layers` depths along each texel's ray, ascending, by single-pass k-buffer (thesis 4.3).
-LAYERED_DEPTH = Step("layered_depth", cpu=_layered_depth)
+LAYERED_DEPTH = Step("layered_depth", cpu=_layered_depth, gpu=gpu_steps.layered_depth)
 # A bounding volume hierarchy over the casters.
 RAY_ACCELERATOR = Step(
     "ray_accelerator", cpu=_ray_accelerator, hole="rays live on the CPU only", copyable=False

@@ -1,0 +1,62 @@
+"""A GPU program, declared: where its text is, and what it reads and writes. Knows no GPU."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+ADDON = Path(__file__).parents[1]
+SHARED = ADDON / "effects" / "shared"
+_INCLUDE = re.compile(r'^#include "([\w./]+)"[ \t]*$', re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Shader:
+    """A compute program, or a vertex and a fragment program where `vertex` is given.
+
+    `source`, `vertex`: paths of *.glsl below addon/. `samplers`: (name, "FLOAT_2D" or "UINT_2D").
+    `images`: (name, texture format, "READ", "WRITE" or "READ_WRITE"); `atomic_images` are R32UI and read
+    and written by atomics. `params`: vec4 members of the uniform block `params`. `varyings`: (how, type,
+    name), how being "flat" or "smooth". `outputs`: (type, name) of the fragment stage. `group`: width and
+    height of a work group. Equal shaders are compiled once.
+    """
+
+    source: str
+    vertex: str = ""
+    defines: tuple[str, ...] = ()
+    samplers: tuple[tuple[str, str], ...] = ()
+    images: tuple[tuple[str, str, str], ...] = ()
+    atomic_images: tuple[str, ...] = ()
+    params: tuple[str, ...] = ()
+    varyings: tuple[tuple[str, str, str], ...] = ()
+    outputs: tuple[tuple[str, str], ...] = ()
+    writes_depth: bool = False
+    group: tuple[int, int] = (8, 8)
+
+    @property
+    def name(self) -> str:
+        """For messages, e.g. "effects/shared/surface.glsl +UV"."""
+        return " +".join((self.source, *self.defines))
+
+    def defining(self, *defines: str) -> Shader:
+        """The same program with more `defines`, each "NAME" or "NAME value"."""
+        return replace(self, defines=(*self.defines, *defines))
+
+
+def shader_text(path: str) -> str:
+    """The text of a file below addon/, with each #include replaced by the file it names, once. Names are
+    looked up beside the including file, then in effects/shared. Raises OSError where there is no file."""
+    return _resolved(ADDON / path, set())
+
+
+def _resolved(file: Path, seen: set[Path]) -> str:
+    def included(match: re.Match) -> str:
+        beside = file.parent / match[1]
+        target = (beside if beside.exists() else SHARED / match[1]).resolve()
+        if target in seen:
+            return ""
+        seen.add(target)
+        return _resolved(target, seen)
+
+    return _INCLUDE.sub(included, file.read_text(encoding="utf-8"))

@@ -1,0 +1,311 @@
+"""The GPU device: Blender's gpu module, compute and raster. Only modules gpu*.py here import it."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterable
+from threading import Event
+from typing import Any
+
+import numpy as np
+
+from ..core.arrays import Arrays
+from ..core.errors import Cancelled, DeviceUnavailable
+from ..core.outline import Outline
+from ..core.shader import Shader
+from .gpu_geometry import GpuGeometry
+from .gpu_image import TABLE_WIDTH, GpuImage, from_texels, stack_columns, texture_format, to_texels
+from .gpu_image import texture_size as size_of
+from .gpu_shader import captured_output, compiled
+
+SPLIT_TO_INTEGER = Shader(
+    "effects/shared/split_to_integer.glsl",
+    samplers=(("halves", "FLOAT_2D"),),
+    images=(("integers", "R32UI", "WRITE"),),
+    params=("size",),
+)
+# Orders what draws stored before what comes next: the gpu module puts a barrier after dispatches only.
+BARRIER = Shader("effects/shared/barrier.glsl", group=(1, 1))
+SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "lavapipe", "swiftshader", "software")
+
+
+class GpuDevice:
+    """Runs shaders. Values are GpuImage, GpuGeometry and dicts and tuples of them.
+
+    Make it on the main thread. It may be used on another one where Blender gives that one a GPU context
+    (F12 with `bl_use_gpu_context`): textures and programs are shared between contexts, while framebuffers
+    and batches, which are not, are made anew at each draw.
+    """
+
+    TRIANGLES_PER_DRAW = 1 << 20
+    name = "gpu"
+    cancelled = (Cancelled,)
+
+    def __init__(self, cancel_flag=None):
+        self.cancel_flag = cancel_flag or Event()
+        self.compile_seconds = 0.0
+        self._outline: Outline | None = None
+        self._arrays: Arrays | None = None
+        self._programs: dict[Shader, Any] = {}
+        self._vertices = None  # what batches draw: so many vertices of nothing
+        self._vertex_count = 0
+        self._kept: dict[str, Any] = {}
+        self._gpu = _started()
+        platform = self._gpu.platform
+        self.renderer = platform.renderer_get()
+        self.description = f"{self.renderer}, {platform.backend_type_get()}"
+        self.is_software = any(word in self.description.lower() for word in SOFTWARE_RENDERERS)
+        self.largest_texture = self._gpu.capabilities.max_texture_size_get()
+
+    # The scene
+
+    def set_scene(self, outline: Outline, arrays: Arrays) -> None:
+        """The scene that `geometry` is made of from now on."""
+        self._outline, self._arrays = outline, arrays
+
+    def geometry(self) -> GpuGeometry:
+        """Every instance of the scene, at its index in the outline."""
+        return GpuGeometry(self, self._outline, self._arrays)
+
+    # Values
+
+    def new_image(self, shape: tuple[int, ...], dtype=np.float32) -> GpuImage:
+        """An image with undefined contents. Raises ValueError where no texture is so large."""
+        dtype = np.dtype(dtype)
+        is_stack = len(shape) == 3 and shape[2] > 4
+        columns = stack_columns(shape, self.largest_texture) if is_stack else 1
+        image = GpuImage(None, tuple(shape), dtype, columns)
+        image.texture = self._texture(image.size, image.format)
+        return image
+
+    def upload(self, array: np.ndarray) -> GpuImage:
+        """A float32 or integer array as an image."""
+        array = np.asarray(array)
+        if array.dtype != np.float32:
+            return self._upload_integers(array)
+        is_stack = array.ndim == 3 and array.shape[2] > 4
+        columns = stack_columns(array.shape, self.largest_texture) if is_stack else 1
+        texels = to_texels(array, columns)
+        channels = 1 if texels.ndim == 2 else texels.shape[2]
+        size = size_of(array.shape, columns)
+        texture = self._texture(size, texture_format(array.dtype, channels), texels)
+        return GpuImage(texture, array.shape, array.dtype, columns)
+
+    def upload_table(self, rows: np.ndarray) -> GpuImage:
+        """(N, 1 to 4) float32 as a texture that tables.glsl indexes by row number."""
+        height = max(1, -(-len(rows) // TABLE_WIDTH))
+        padded = np.zeros((height * TABLE_WIDTH, rows.shape[1]), np.float32)
+        padded[: len(rows)] = rows
+        shape = (height, TABLE_WIDTH, rows.shape[1])[: 2 if rows.shape[1] == 1 else 3]
+        return self.upload(padded.reshape(shape))
+
+    def clear(self, image: GpuImage, value: float) -> None:
+        """Sets every component."""
+        if image.format.endswith("UI"):
+            # The gpu module takes signed integers only.
+            signed = int(np.array(int(value) & 0xFFFFFFFF, np.uint32).astype(np.int32))
+            image.texture.clear(format="UINT", value=(signed,) * image.channels)
+        else:
+            image.texture.clear(format="FLOAT", value=(float(value),) * 4)
+
+    def to_host(self, value: Any) -> Any:
+        if isinstance(value, GpuImage):
+            return from_texels(np.asarray(value.texture.read()), value)
+        return _mapped(value, self.to_host)
+
+    def from_host(self, value: Any) -> Any:
+        return self.upload(value) if isinstance(value, np.ndarray) else _mapped(value, self.from_host)
+
+    def release(self, value: Any) -> None:
+        if isinstance(value, GpuImage):
+            value.texture = None
+        elif isinstance(value, GpuGeometry):
+            value.release()
+        else:
+            _mapped(value, self.release)
+
+    def kept(self, name: str, make) -> Any:
+        """A value made once and kept as long as the device, such as a constant table."""
+        if name not in self._kept:
+            self._kept[name] = make()
+        return self._kept[name]
+
+    def instance_mask(self, instances: Iterable[int]) -> np.ndarray:
+        """(instance count,) uint8, 1 at `instances`."""
+        mask = np.zeros(len(self._outline.instances), np.uint8)
+        mask[sorted(instances)] = 1
+        return mask
+
+    # Work
+
+    def dispatch(
+        self,
+        shader: Shader,
+        size: tuple[int, int],
+        images: dict[str, GpuImage],
+        samplers: dict[str, GpuImage] | None = None,
+        params: dict[str, Iterable[float]] | None = None,
+    ) -> None:
+        """Runs a compute shader over `size` invocations, rounded up to groups. Raises ShaderError, and
+        Cancelled where the flag is set."""
+        if self.cancel_flag.is_set():
+            raise Cancelled()
+        program, _block = self._bound(shader, images, samplers or {}, params or {})
+        groups = [-(-length // side) for length, side in zip(size, shader.group, strict=True)]
+        self._gpu.compute.dispatch(program, *groups, 1)
+
+    def draw(
+        self,
+        shader: Shader,
+        triangles: int,
+        target: GpuImage,
+        depth: Any,
+        images: dict[str, GpuImage],
+        samplers: dict[str, GpuImage],
+        params: dict[str, Iterable[float]],
+    ) -> None:
+        """Draws `triangles` (at most TRIANGLES_PER_DRAW) triangles, whose vertices the shader pulls by
+        gl_VertexID, into `target`; `depth` is a `new_depth` texture, or None. Raises as `dispatch`."""
+        if self.cancel_flag.is_set():
+            raise Cancelled()
+        gpu = self._gpu
+        slots = {"color_slots": [target.texture]} | ({"depth_slot": depth} if depth else {})
+        batch = self._batch(3 * triangles)
+        state = gpu.state
+        before = state.blend_get(), state.depth_test_get(), state.depth_mask_get()
+        with gpu.types.GPUFrameBuffer(**slots).bind():
+            try:
+                state.blend_set("NONE")
+                state.face_culling_set("NONE")
+                state.depth_test_set("LESS" if depth else "NONE")
+                state.depth_mask_set(bool(depth))
+                # Mesa's software rasterisers throw away what opaque triangles cover, and with it what those
+                # fragments would have stored in images, or do nothing where no colour is written. A mask of
+                # one channel out of two is neither.
+                state.color_mask_set(True, not images, not images, not images)
+                program, _block = self._bound(shader, images, samplers, params)
+                batch.draw_range(program, elem_start=0, elem_count=3 * triangles)
+            finally:
+                state.blend_set(before[0])
+                state.depth_test_set(before[1])
+                state.depth_mask_set(before[2])
+                state.color_mask_set(True, True, True, True)
+        if images:
+            self.dispatch(BARRIER, (1, 1), {})
+
+    def new_depth(self, size: tuple[int, int]):
+        """A depth texture, all 1, for `draw`."""
+        texture = self._texture(size, "DEPTH_COMPONENT32F")
+        texture.clear(format="FLOAT", value=(1.0,))
+        return texture
+
+    def finish(self) -> None:
+        marker = self.kept("finish", lambda: self._texture((1, 1), "R32F"))
+        frame = self._gpu.types.GPUFrameBuffer(color_slots=[marker])
+        with frame.bind():
+            frame.clear(color=(0.0, 0.0, 0.0, 0.0))
+            frame.read_color(0, 0, 1, 1, 1, 0, "FLOAT")
+
+    def compile(self, shader: Shader) -> Any:
+        """The program, compiled at the first call. Raises ShaderError."""
+        if shader not in self._programs:
+            started = time.perf_counter()
+            try:
+                self._programs[shader] = compiled(shader)
+            finally:
+                self.compile_seconds += time.perf_counter() - started
+        return self._programs[shader]
+
+    def _bound(self, shader: Shader, images, samplers, params):
+        """The program with everything bound, and the uniform block, which must outlive the draw."""
+        program = self.compile(shader)
+        program.bind()
+        block = None
+        if shader.params:
+            values = np.zeros((len(shader.params), 4), np.float32)
+            for row, name in zip(values, shader.params, strict=True):
+                value = tuple(params[name])
+                row[: len(value)] = value
+            block = self._gpu.types.GPUUniformBuf(values)
+            program.uniform_block("params", block)
+        for name, _kind in shader.samplers:
+            program.uniform_sampler(name, samplers[name].texture)
+        for name in (*(name for name, _format, _access in shader.images), *shader.atomic_images):
+            program.image(name, images[name].texture)
+        return program, block
+
+    def _texture(self, size: tuple[int, int], texture_format: str, texels: np.ndarray | None = None):
+        types = self._gpu.types
+        if max(size) > self.largest_texture:
+            raise ValueError(
+                f"{size[0]} x {size[1]} texels do not fit in a texture of {self.largest_texture}"
+            )
+        if texels is None:
+            return types.GPUTexture(size, format=texture_format)
+        data = types.Buffer("FLOAT", texels.size, np.ascontiguousarray(texels).reshape(-1))
+        return types.GPUTexture(size, format=texture_format, data=data)
+
+    def _upload_integers(self, array: np.ndarray) -> GpuImage:
+        """Textures are filled from floats only, so integers go in halves that floats hold exactly."""
+        bits = array.astype(np.int64).astype(np.uint32)
+        halves = np.stack([bits & 0xFFFF, bits >> 16], axis=-1).astype(np.float32)
+        source = self.upload(halves)
+        image = GpuImage(None, array.shape, array.dtype)
+        image.texture = self._texture(image.size, image.format)
+        size = (*image.size, 0, 0)
+        self.dispatch(SPLIT_TO_INTEGER, image.size, {"integers": image}, {"halves": source}, {"size": size})
+        return image
+
+    def _batch(self, vertices: int):
+        types = self._gpu.types
+        if vertices > self._vertex_count:
+            count = max(vertices, min(2 * self._vertex_count, 3 * self.TRIANGLES_PER_DRAW))
+            vertex_format = types.GPUVertFormat()
+            vertex_format.attr_add(id="unused", comp_type="U32", len=1, fetch_mode="INT")
+            self._vertices = types.GPUVertBuf(vertex_format, count)
+            self._vertices.attr_fill("unused", np.zeros(count, np.uint32))
+            self._vertex_count = count
+        return types.GPUBatch(type="TRIS", buf=self._vertices)
+
+
+def _mapped(value: Any, function) -> Any:
+    if isinstance(value, dict):
+        return {key: function(item) for key, item in value.items()}
+    if isinstance(value, (tuple, list)):
+        return type(value)(function(item) for item in value)
+    return value
+
+
+def _started():
+    """The gpu module, ready. Raises DeviceUnavailable saying why not."""
+    if os.environ.get("STRATA_DISABLE_GPU") == "1":
+        raise DeviceUnavailable("STRATA_DISABLE_GPU=1 is set")
+    if "bpy" not in sys.modules:
+        raise DeviceUnavailable("Blender is not running in this Python (import bpy first)")
+    import gpu
+
+    if _answers(gpu):
+        return gpu
+    if not hasattr(gpu, "init"):
+        raise DeviceUnavailable("Blender before 5.2 has no GPU in background")
+    said = []
+    try:
+        with captured_output() as said:  # Mesa grumbles about EGL configurations that it skips
+            gpu.init()
+    except SystemError as error:
+        reason = ((said[0] if said else "") or str(error)).strip().splitlines()
+        raise DeviceUnavailable(reason[-1] if reason else "no context") from None
+    if not _answers(gpu):
+        raise DeviceUnavailable("the GPU module does not start")
+    return gpu
+
+
+def _answers(gpu) -> bool:
+    """Whether the module is ready: with an interface from the start, in background after `gpu.init()`."""
+    try:
+        gpu.platform.renderer_get()
+    except SystemError:
+        return False
+    return True

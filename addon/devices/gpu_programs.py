@@ -1,0 +1,15 @@
+"""Every program there is, so that tests and CI can compile them all (scripts/compile_shaders.py)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ..core.shader import Shader
+from ..effects.shared import gpu_steps as shared
+from .gpu import BARRIER, SPLIT_TO_INTEGER
+
+
+def all_shaders() -> Iterator[Shader]:
+    """Every program that Strata may compile, each once."""
+    yield from (BARRIER, SPLIT_TO_INTEGER)
+    yield from shared.variants()

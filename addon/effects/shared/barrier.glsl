@@ -1,0 +1,2 @@
+// Nothing: what counts is the memory barrier that follows every dispatch.
+void main() {}

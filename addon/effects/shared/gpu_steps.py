@@ -1,0 +1,224 @@
+"""GPU twins of the shared steps: what to draw and dispatch, in order. The device does the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ...core.shader import Shader
+from ...core.surface import ATTRIBUTES, Chunk
+from ...core.view import View
+
+MAX_LAYERS = 16  # as kernels/src/raster/layers.rs
+MAX_SIDE = 32768  # as kernels/src/raster/camera.rs
+IMAGES_AT_ONCE = 7  # OpenGL promises 8 image units
+
+VERTEX_SAMPLERS = tuple(
+    (name, "FLOAT_2D") for name in ("blocks", "runs", "triangles", "positions", "matrices")
+)
+VARYINGS = (("flat", "VEC2", "range"), ("flat", "UVEC2", "ids"))
+LAYERED_DEPTH = Shader(
+    "effects/shared/layered_depth.glsl",
+    vertex="effects/shared/pull.glsl",
+    samplers=VERTEX_SAMPLERS,
+    atomic_images=("sorted",),
+    params=("draw", "range", "map", "alpha"),
+    varyings=VARYINGS,
+    outputs=(("UVEC2", "nothing"),),
+)
+UNSORT = Shader(
+    "effects/shared/unsort.glsl",
+    samplers=(("sorted", "UINT_2D"),),
+    images=(("depths", "R32F", "WRITE"),),
+    params=("size",),
+)
+VISIBILITY = Shader(
+    "effects/shared/visibility.glsl",
+    vertex="effects/shared/pull.glsl",
+    samplers=VERTEX_SAMPLERS,
+    params=("draw", "range", "depth", "alpha"),
+    varyings=VARYINGS,
+    outputs=(("UVEC2", "nearest"),),
+    writes_depth=True,
+)
+SURFACE = Shader(
+    "effects/shared/surface.glsl",
+    samplers=(
+        ("nearest", "UINT_2D"),
+        *((name, "FLOAT_2D") for name in ("runs", "triangles", "positions", "matrices")),
+    ),
+    params=("size", "window", "right", "up", "forward"),
+)
+
+
+def raster_variant(shader: Shader, orthographic: bool, alpha: bool) -> Shader:
+    """The raster program for a kind of view, with or without an alpha texture."""
+    samplers, varyings, defines = shader.samplers, shader.varyings, []
+    if orthographic:
+        defines.append("ORTHOGRAPHIC")
+        varyings = (*varyings, ("smooth", "FLOAT", "linear_depth"))
+    if alpha:
+        defines.append("ALPHA")
+        varyings = (*varyings, ("smooth", "VEC2", "uv"))
+        samplers = (*samplers, ("corner_uvs", "FLOAT_2D"), ("alpha", "FLOAT_2D"))
+    return _replaced(shader, samplers, varyings, defines)
+
+
+def surface_variant(attributes: tuple[str, ...], orthographic: bool) -> Shader:
+    """The program that writes these attributes, at most IMAGES_AT_ONCE."""
+    samplers = SURFACE.samplers
+    if "shading_normal" in attributes:
+        samplers = (*samplers, ("corner_normals", "FLOAT_2D"))
+    if "uv" in attributes:
+        samplers = (*samplers, ("corner_uvs", "FLOAT_2D"))
+    formats = {1: "R32F", 2: "RG32F", 3: "RGBA32F"}
+    images = tuple(
+        (f"{name}_out", formats[channels] if dtype == np.float32 else "R32UI", "WRITE")
+        for name, (dtype, channels) in ((name, ATTRIBUTES[name]) for name in attributes)
+    )
+    defines = [name.upper() for name in attributes] + ["ORTHOGRAPHIC"] * orthographic
+    return _replaced(SURFACE, samplers, (), defines, images)
+
+
+def _replaced(shader: Shader, samplers, varyings, defines, images=()) -> Shader:
+    return replace(shader, samplers=samplers, varyings=varyings, defines=tuple(defines), images=tuple(images))
+
+
+def variants() -> Iterator[Shader]:
+    """Every program that these steps may compile."""
+    yield UNSORT
+    for orthographic in (False, True):
+        for alpha in (False, True):
+            yield raster_variant(LAYERED_DEPTH, orthographic, alpha)
+            yield raster_variant(VISIBILITY, orthographic, alpha)
+        for first in range(0, len(ATTRIBUTES), IMAGES_AT_ONCE):
+            yield surface_variant(tuple(sorted(ATTRIBUTES))[first : first + IMAGES_AT_ONCE], orthographic)
+
+
+def geometry(device, scene):
+    return device.geometry()
+
+
+def surface(device, geometry, view: View, visible: frozenset[int], chunk: Chunk, attributes):
+    """A dict of images, as `raster_surface` gives arrays."""
+    size, rows = (chunk.width, chunk.height), (chunk.y0, chunk.y1)
+    _check_view(view, size)
+    shape = (chunk.y1 - chunk.y0, chunk.width)
+    nearest = device.new_image((*shape, 2), np.uint32)
+    device.clear(nearest, 0)
+    low, high = geometry.depth_bounds(view, visible)
+    low = view.near if view.orthographic else 0.0
+    reach = max(min(high, view.far) - low, 1e-30)
+    depth_scale = 2.0 ** -np.ceil(np.log2(reach) + 1e-6)  # a power of two: scaling rounds nothing
+    matrices = geometry.clip_matrices(view, rows, size, chunk.jitter)
+    depth = device.new_depth((shape[1], shape[0]))
+    drawn = geometry.draw_list(visible)
+    _draw_all(
+        device, VISIBILITY, geometry, drawn, view, high, nearest, depth, matrices,
+        {}, {"depth": (low, depth_scale)},
+    )  # fmt: skip
+    return _attributes(device, geometry, drawn, view, chunk, sorted(attributes), nearest)
+
+
+def _attributes(device, geometry, drawn, view: View, chunk: Chunk, names: list[str], nearest):
+    size, rows = (chunk.width, chunk.height), chunk.y1 - chunk.y0
+    left, right, bottom, top = view.window
+    step = (right - left) / size[0], (top - bottom) / size[1]
+    first = (
+        left + (0.5 + chunk.jitter[0]) * step[0],
+        bottom + (0.5 + chunk.y0 + chunk.jitter[1]) * step[1],
+    )
+    params = {
+        "size": (size[0], rows),
+        "window": (*first, *step),
+        "right": (*view.right, view.near),
+        "up": view.up,
+        "forward": view.forward,
+    }
+    samplers = {
+        "nearest": nearest,
+        "runs": drawn.runs,
+        "triangles": geometry.triangles,
+        "positions": geometry.positions,
+        "matrices": geometry.eye_matrices(view),
+    }
+    images = {}
+    for start in range(0, len(names), IMAGES_AT_ONCE):
+        group = tuple(names[start : start + IMAGES_AT_ONCE])
+        for name in group:
+            dtype, channels = ATTRIBUTES[name]
+            shape = (rows, size[0]) if channels == 1 else (rows, size[0], channels)
+            images[name] = device.new_image(shape, dtype)
+        if "shading_normal" in group:
+            samplers["corner_normals"] = geometry.corner_normals
+        if "uv" in group:
+            samplers["corner_uvs"] = geometry.corner_uvs
+        outputs = {f"{name}_out": images[name] for name in group}
+        shader = surface_variant(group, view.orthographic)
+        device.dispatch(shader, (size[0], rows), outputs, samplers, params)
+    return images
+
+
+def layered_depth(
+    device, geometry, view: View, casters: frozenset[int], layers: int, width: int, height: int
+):
+    """An image (layers, height, width) float32, as the kernel of the same name."""
+    if not 1 <= layers <= MAX_LAYERS:
+        raise ValueError(f"a layered depth map has 1 to {MAX_LAYERS} layers, not {layers}")
+    _check_view(view, (width, height))
+    depths = device.new_image((layers, height, width))
+    keys = device.new_image(depths.size[::-1], np.uint32)
+    device.clear(keys, 0xFF800000)  # SORTABLE_INFINITE
+    _, high = geometry.depth_bounds(view, casters)
+    target = device.new_image((height, width, 2), np.uint32)  # drawn into, never read
+    matrices = geometry.clip_matrices(view, (0, height), (width, height))
+    drawn = geometry.draw_list(casters)
+    extent = (width, height, depths.columns, layers)
+    _draw_all(
+        device, LAYERED_DEPTH, geometry, drawn, view, high, target, None, matrices,
+        {"sorted": keys}, {"map": extent},
+    )  # fmt: skip
+    device.dispatch(UNSORT, depths.size, {"depths": depths}, {"sorted": keys}, {"size": depths.size})
+    device.release([keys, target])
+    return depths
+
+
+def _draw_all(device, shader, geometry, drawn, view: View, high, target, depth, matrices, images, params):
+    """Draws a draw list, each range by its own program, in pieces that one vertex buffer serves."""
+    samplers = {
+        "blocks": drawn.blocks,
+        "runs": drawn.runs,
+        "triangles": geometry.triangles,
+        "positions": geometry.positions,
+        "matrices": matrices,
+    }
+    # Beyond every vertex, so that an orthographic view clips nothing at the back.
+    behind = 0.5 / max(abs(high - view.near), 1e-30) if np.isfinite(high) else 1.0
+    params = params | {"range": (view.near, min(view.far, 3.0e38), behind)}
+    for part in drawn.ranges:
+        bound, alpha = dict(samplers), (0.0, 1.0, 1.0)
+        if part.material is not None:
+            texels, threshold = geometry.alpha(part.material)
+            bound |= {"corner_uvs": geometry.corner_uvs, "alpha": texels}
+            alpha = (threshold, texels.shape[1], texels.shape[0])
+        program = raster_variant(shader, view.orthographic, part.material is not None)
+        for first in range(part.first, part.first + part.count, device.TRIANGLES_PER_DRAW):
+            count = min(device.TRIANGLES_PER_DRAW, part.first + part.count - first)
+            now = params | {"draw": (first >> 16, first & 0xFFFF), "alpha": alpha}
+            device.draw(program, count, target, depth, images, bound, now)
+
+
+def _check_view(view: View, size: tuple[int, int]) -> None:
+    """Raises ValueError on a view or size that cannot be drawn, as kernels/src/raster/camera.rs."""
+    if not 0 < min(size) <= max(size) <= MAX_SIDE:
+        raise ValueError(f"an image is 1 to {MAX_SIDE} pixels a side, not {size[0]} x {size[1]}")
+    finite = (*view.eye, *view.right, *view.up, *view.forward, *view.window, view.near)
+    if not np.isfinite(finite).all() or not view.near < view.far:
+        raise ValueError("a view is finite, but for the far plane, and has near < far")
+    if not view.orthographic and view.near <= 0.0:
+        raise ValueError("a perspective view has its near plane before the eye")
+    left, right, bottom, top = view.window
+    if not (left < right and bottom < top):
+        raise ValueError("a view needs left < right and bottom < top")
