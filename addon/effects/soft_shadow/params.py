@@ -32,7 +32,7 @@ class SoftShadowParams(Params):
         doc="How texels add up: area is the thesis's sum, bitmask counts light samples, hybrid adds rays",
     )
     max_samples: int = param(
-        4096,
+        512,
         hard=(16, 65536),
         soft=(256, 16384),
         unit="texel",
