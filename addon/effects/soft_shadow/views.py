@@ -25,6 +25,9 @@ WIDEST_SPOT = math.cos(math.radians(70.0))
 SMALLEST_NEAR = 1e-4
 """Nearest plane, as a share of the farthest."""
 
+VAST = 0.5
+"""A caster wider than this share of everything is a ground, and no reason to spread a sun's texels thin."""
+
 NamedView = tuple[str, View]
 LeftOut = tuple[str, str]
 
@@ -175,7 +178,7 @@ def _slopes(corners: np.ndarray, widest: float) -> tuple[np.ndarray, np.ndarray]
 def _sun_view(
     emitter: Emitter, casters: np.ndarray, receivers: np.ndarray
 ) -> tuple[list[NamedView], list[LeftOut]]:
-    """One orthographic view of the casters, no wider than the receivers' bounds and the penumbra's reach, so
+    """Orthographic views of the casters, no wider than the receivers' bounds and the penumbra's reach, so
     that neither a vast ground nor casters far aside waste texels."""
     if not len(receivers):
         return [], [("map", "no receivers")]
@@ -195,16 +198,32 @@ def _sun_view(
     inside = (low <= high).all(axis=1) & (caster_low[:, 2] < receiver_high[2])
     if not inside.any():
         return [], [("map", "no casters")]
-    low, high = low[inside].min(axis=0), high[inside].max(axis=0)
+    low, high = low[inside], high[inside]
     nearest, farthest = caster_low[inside, 2].min(), receiver_high[2]
     margin = 1e-3 * (farthest - nearest)
-    eye = middle + (nearest - margin) * axes[2] + axes[:2].T @ (0.5 * (low + high))
-    half = 0.5 * (high - low)
-    window = _padded(-half, half)
     near, far = float(0.5 * margin), float(farthest - nearest + 2.0 * margin)
     lamp_axes = (emitter.right, emitter.up, emitter.forward)
-    view = View(tuple(eye.tolist()), *lamp_axes, window, near, far, orthographic=True)
-    return [("", view)], []
+    views = []
+    for name, (window_low, window_high) in _sun_windows(low, high):
+        eye = middle + (nearest - margin) * axes[2] + axes[:2].T @ (0.5 * (window_low + window_high))
+        half = 0.5 * (window_high - window_low)
+        window = _padded(-half, half)
+        views.append((name, View(tuple(eye.tolist()), *lamp_axes, window, near, far, orthographic=True)))
+    return views, []
+
+
+def _sun_windows(low: np.ndarray, high: np.ndarray) -> list[tuple[str, tuple[np.ndarray, np.ndarray]]]:
+    """Around casters whose boxes seen from the sun are `low` and `high` (C, 2): one window around all, and
+    before it a smaller one around all but the vast (the ground that a town stands on), if that helps."""
+    whole = low.min(axis=0), high.max(axis=0)
+    size = whole[1] - whole[0]
+    compact = (high - low <= VAST * size).all(axis=1)
+    if not compact.any():
+        return [("", whole)]
+    inner = low[compact].min(axis=0), high[compact].max(axis=0)
+    if np.prod(inner[1] - inner[0]) > 0.5 * np.prod(size):
+        return [("", whole)]
+    return [("", inner), ("wide 1", whole)]
 
 
 def _padded(low: np.ndarray, high: np.ndarray) -> tuple[float, float, float, float]:
