@@ -2,7 +2,11 @@
 
 import sys
 
-from .ops.cli import main
-
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        from .ops.cli import main
+
+        code = main()
+    except KeyboardInterrupt:  # while modules load, and a second one while the first is being obeyed
+        code = 130
+    sys.exit(code)

@@ -15,21 +15,23 @@ from ..addon.core.effect import Effect
 from ..addon.core.errors import Cancelled, DeviceUnavailable, StrataError
 from ..addon.effects.registry import EFFECTS
 from .arguments import build_parser, check_outputs, nested
-from .terminal import Progress, clean_stdout, interruptible
+from .terminal import Interrupts, Progress, clean_stdout
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
 
 
 def main(words: Sequence[str] | None = None, in_blender: bool = False) -> int:
     """Runs one command; the exit code. `in_blender`: a file may be open already."""
-    with clean_stdout() as out, interruptible():
+    with clean_stdout() as out, Interrupts() as interrupts:
         try:
             arguments = _parse(words, in_blender, out)
-            return 0 if arguments is None else _COMMANDS[arguments.command](arguments, out)
+            return OK if arguments is None else _COMMANDS[arguments.command](arguments, out, interrupts)
         except (StrataError, DeviceUnavailable, MemoryError) as error:
             reason = "not enough memory" if isinstance(error, MemoryError) else error
             print(f"strata: {' '.join(str(reason).split())}", file=sys.stderr)
             return BAD_INPUT
+        except BrokenPipeError:
+            return OK
         except (KeyboardInterrupt, Cancelled):
             print("strata: interrupted", file=sys.stderr)
             return INTERRUPTED
@@ -54,7 +56,7 @@ def _parse(words: Sequence[str] | None, in_blender: bool, out: TextIO) -> argpar
 # strata effects
 
 
-def _effects(arguments: argparse.Namespace, out: TextIO) -> int:
+def _effects(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
     if arguments.json:
         print(json.dumps([describe(effect) for effect in EFFECTS], indent=1), file=out)
         return OK
@@ -120,7 +122,7 @@ def _properties() -> Iterator[None]:
         properties.unregister()
 
 
-def _open(arguments: argparse.Namespace):
+def _open(arguments: argparse.Namespace, interrupts: Interrupts):
     """Opens the file and chooses what of it to bake."""
     import bpy
 
@@ -130,6 +132,7 @@ def _open(arguments: argparse.Namespace):
         open_blend(arguments.scene_file)
     elif not bpy.data.filepath:
         raise StrataError("no scene: give SCENE.blend")
+    interrupts.check()
     frames = getattr(arguments, "frames", None)
     return choose(arguments.scene, arguments.view_layer, arguments.camera, frames)
 
@@ -140,7 +143,7 @@ def _camera(chosen):
     return bpy.data.objects[chosen.camera] if chosen.camera else None
 
 
-def _plan(arguments: argparse.Namespace, out: TextIO) -> int:
+def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
     from ..addon.bake import Options
     from ..addon.ui.properties import options_of
     from .planning import described_plan, read_plan
@@ -148,7 +151,7 @@ def _plan(arguments: argparse.Namespace, out: TextIO) -> int:
     given = {"effects": arguments.effects, "values": nested(arguments.set)}
     Options(**given).chosen()  # wrong words are found before a large file is opened
     with _properties():
-        chosen = _open(arguments)
+        chosen = _open(arguments, interrupts)
         options = options_of(chosen.scene, **given)
         plan = described_plan(
             *read_plan(chosen.scene, chosen.view_layer, options, _camera(chosen), arguments.size)
@@ -165,7 +168,7 @@ def _plan(arguments: argparse.Namespace, out: TextIO) -> int:
     return OK
 
 
-def _bake(arguments: argparse.Namespace, out: TextIO) -> int:
+def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
     from ..addon.bake import Options
     from ..addon.ui.properties import options_of
 
@@ -177,10 +180,10 @@ def _bake(arguments: argparse.Namespace, out: TextIO) -> int:
     check_outputs(arguments, frames)
     _check_targets(arguments, frames)
     with _properties():
-        chosen = _open(arguments)
+        chosen = _open(arguments, interrupts)
         options = options_of(chosen.scene, **given)
         for frame in chosen.frames:
-            _bake_frame(arguments, chosen, frame, options, out)
+            _bake_frame(arguments, chosen, frame, options, out, interrupts)
     return OK
 
 
@@ -193,7 +196,9 @@ def _check_targets(arguments: argparse.Namespace, frames: tuple[int, ...]) -> No
                 check_writable(target.path(frame))
 
 
-def _bake_frame(arguments: argparse.Namespace, chosen, frame: int, options, out: TextIO) -> None:
+def _bake_frame(
+    arguments: argparse.Namespace, chosen, frame: int, options, out: TextIO, interrupts: Interrupts
+) -> None:
     from ..addon.bake import BakeJob, read_scene
     from ..addon.measure.report import format_table
     from .job import run_to_end
@@ -207,9 +212,15 @@ def _bake_frame(arguments: argparse.Namespace, chosen, frame: int, options, out:
             print(f"strata: frame {frame}: {reason}", file=sys.stderr)
         return
     progress = Progress(sys.stderr, f"frame {frame}", arguments.quiet)
+
+    def show(share: float, stage: str) -> None:
+        interrupts.check()
+        progress.show(share, stage)
+
     try:
+        interrupts.check()
         job = BakeJob(outline, graph, arrays, options, read_seconds=seconds)
-        baked = run_to_end(job, lambda baked: _write(arguments, frame, baked), progress.show)
+        baked = run_to_end(job, lambda baked: _write(arguments, frame, baked), show)
     finally:
         progress.clear()
     if not arguments.quiet:

@@ -8,7 +8,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TextIO
 
 QUIET_SECONDS = 2.0  # between progress lines where there is no terminal
@@ -26,29 +26,43 @@ def clean_stdout() -> Iterator[TextIO]:
     out = os.fdopen(os.dup(saved), "w", encoding="utf-8", errors="replace")
     try:
         yield out
-        out.flush()
     finally:
-        try:
+        with suppress(BrokenPipeError):  # the reader has gone, as `head` does: its business
             out.close()
-        except BrokenPipeError:
-            pass  # the reader has gone; its business
-        finally:
-            sys.stdout.flush()
-            os.dup2(saved, 1)
-            os.close(saved)
+        sys.stdout.flush()
+        os.dup2(saved, 1)
+        os.close(saved)
 
 
-@contextmanager
-def interruptible() -> Iterator[None]:
-    """Ctrl-C and a farm's SIGTERM raise KeyboardInterrupt, also in Blender, which takes SIGINT for itself."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    for number in before:
-        signal.signal(number, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler if handler is not None else signal.SIG_DFL)
+class Interrupts:
+    """Ctrl-C, and a farm's SIGTERM: remembered, and raised where `check` is called.
+
+    Not raised on the spot, because most of what Blender calls back would swallow it and go on half done; and
+    taken back from Blender, which keeps SIGINT for itself. A second one is raised at once.
+    """
+
+    def __init__(self):
+        self._is_interrupted = False
+        self._before: dict[int, object] = {}
+
+    def __enter__(self) -> Interrupts:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._before[number] = signal.signal(number, self._remember)
+        return self
+
+    def __exit__(self, *_) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+    def _remember(self, *_) -> None:
+        if self._is_interrupted:
+            raise KeyboardInterrupt
+        self._is_interrupted = True
+
+    def check(self) -> None:
+        """Raises KeyboardInterrupt if there was one."""
+        if self._is_interrupted:
+            raise KeyboardInterrupt
 
 
 class Progress:
@@ -64,7 +78,7 @@ class Progress:
 
     def show(self, fraction: float, doing: str) -> None:
         now = time.monotonic()
-        wait = REDRAW_SECONDS if self._live else QUIET_SECONDS
+        wait = REDRAW_SECONDS if self._live else max(QUIET_SECONDS, (now - self._started) / 10)
         if self._quiet or now - self._said < wait:
             return
         self._said = now

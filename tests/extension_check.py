@@ -1,0 +1,106 @@
+"""Inside a Blender that knows nothing of Strata: install the zip, enable, bake, disable, look for remains.
+
+As a program: `python extension_check.py ZIP SCENE.blend OUT.exr` with the pip-installed Blender, or
+`blender -b --factory-startup --python extension_check.py -- ZIP SCENE.blend OUT.exr`.
+BLENDER_USER_RESOURCES has to name an empty folder.
+"""
+
+import os
+import sys
+import traceback
+from importlib.util import find_spec
+from pathlib import Path
+
+import bpy
+
+MODULE = "bl_ext.user_default.strata"
+
+
+def registered() -> dict[str, list[str]]:
+    """Everything that an extension could leave behind and that Blender lets Python see."""
+    lists = {name: getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers)}
+    lists = {name: functions for name, functions in lists.items() if isinstance(functions, list)}
+    keyconfig = bpy.context.window_manager.keyconfigs.addon
+    keymaps = keyconfig.keymaps if keyconfig else ()
+    return {
+        "classes": sorted(dir(bpy.types)),
+        "handlers": sorted(f"{name}: {f.__module__}.{f.__name__}" for name in lists for f in lists[name]),
+        "scene properties": sorted(bpy.types.Scene.bl_rna.properties.keys()),
+        "operators": sorted(dir(bpy.ops)),
+        "keymap items": sorted(
+            f"{keymap.name} {i.idname}" for keymap in keymaps for i in keymap.keymap_items
+        ),
+        "menus": sorted(str(f) for f in getattr(bpy.types.TOPBAR_MT_render.draw, "_draw_funcs", ())),
+        "paths": sorted(path for path in sys.path if "strata" in path),
+    }
+
+
+def strata_subclasses() -> list[str]:
+    """Classes that are registered still, also those that bpy.types does not list."""
+    found = []
+    for base in (bpy.types.PropertyGroup, bpy.types.Panel, bpy.types.Operator, bpy.types.RenderEngine):
+        found += [
+            cls.__name__ for cls in base.__subclasses__() if cls.is_registered and MODULE in cls.__module__
+        ]
+    return found
+
+
+def check(archive: str, scene: str, output: str) -> None:
+    import addon_utils  # Blender's own, found once bpy is there
+
+    for name in ("OpenEXR", "strata", "strata_kernels"):
+        assert find_spec(name) is None, f"{name} is there already, so the zip's own would not be proved"
+    before = registered()
+
+    bpy.ops.extensions.package_install_files(
+        repo="user_default", filepath=archive, enable_on_install=True, overwrite=True
+    )
+    assert MODULE in bpy.context.preferences.addons, "not enabled"
+    print("installed and enabled")
+
+    bpy.ops.wm.open_mainfile(filepath=scene)
+    render = bpy.context.scene.render
+    render.resolution_x, render.resolution_y, render.resolution_percentage = 96, 54, 100
+    settings = bpy.context.scene.strata
+    settings.backend, settings.samples, settings.probes = "cpu", 1, 64
+    images = set(bpy.data.images)
+    assert bpy.ops.strata.plan() == {"FINISHED"}
+    assert bpy.ops.strata.bake(filepath=output) == {"FINISHED"}
+    made = [image for image in bpy.data.images if image not in images and image.is_float]
+    import OpenEXR
+    import strata_kernels
+
+    with OpenEXR.File(output, header_only=True) as file:
+        names = [part.name() for part in file.parts]
+    assert names, "no layer"
+    assert len(made) == len(names), f"{len(made)} images of {len(names)} layers"
+    home = os.path.realpath(os.environ["BLENDER_USER_RESOURCES"])
+    for module in (OpenEXR, strata_kernels):
+        assert os.path.realpath(module.__file__).startswith(home), f"{module.__file__} is not the zip's"
+    print(f"baked {len(names)} layers with Python {sys.version.split()[0]}")
+
+    warnings = addon_utils._extensions_warnings_get()
+    assert not warnings, warnings
+    for _ in range(2):  # a second round finds what the first left half undone
+        addon_utils.disable(MODULE)
+        after = registered()
+        for kind, names in before.items():
+            assert names == after[kind], f"{kind}: {sorted(set(names) ^ set(after[kind]))}"
+        assert not strata_subclasses(), strata_subclasses()
+        assert addon_utils.enable(MODULE) is not None
+        assert hasattr(bpy.context.scene, "strata")
+        sys.modules[MODULE].register()  # twice in a row changes nothing
+    addon_utils.disable(MODULE)
+    sys.modules[MODULE].unregister()
+    assert registered() == before
+    print("disabled, nothing left")
+
+
+if __name__ == "__main__":
+    words = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
+    try:
+        check(*(str(Path(word).resolve()) for word in words))
+    except BaseException:
+        traceback.print_exc()
+        sys.stderr.flush()
+        os._exit(1)  # Blender's own exit code would be 0

@@ -1,0 +1,126 @@
+"""The zip that users install: what is in it, and that it works where nothing of Strata is."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+from build_extension import source_files
+
+ROOT = Path(__file__).resolve().parents[1]
+CHECK = ROOT / "tests" / "extension_check.py"
+# All that the pip-installed Blender needs, and nothing of ours.
+BLENDER_PACKAGES = ("bpy", "numpy", "cattrs", "attrs", "requests", "zstandard", "certifi", "idna", "urllib3",
+                    "charset_normalizer", "typing_extensions")  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def archive() -> Path:
+    subprocess.run([sys.executable, ROOT / "scripts" / "build_extension.py"], check=True)
+    (found,) = (ROOT / "dist").glob("strata-*-linux_x64.zip")
+    return found
+
+
+@pytest.fixture(scope="session")
+def bare_python(tmp_path_factory) -> Path:
+    """A Python with the pip-installed Blender and without OpenEXR, the kernels and Strata."""
+    from importlib.metadata import distribution
+
+    folder = tmp_path_factory.mktemp("bare")
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder / "venv"], check=True)
+    (site,) = (folder / "venv" / "lib").glob("python*/site-packages")
+    for name in BLENDER_PACKAGES:
+        files = distribution(name).files
+        for top in {file.parts[0] for file in files if file.parts[0] not in ("..", "__pycache__")}:
+            (site / top).symlink_to(distribution(name).locate_file(top))
+    return folder / "venv" / "bin" / "python"
+
+
+def test_versions_agree():
+    manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text())
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    kernels = tomllib.loads((ROOT / "kernels" / "pyproject.toml").read_text())["project"]
+    crate = tomllib.loads((ROOT / "kernels" / "Cargo.toml").read_text())["package"]
+    assert manifest["version"] == project["version"] == kernels["version"] == crate["version"]
+    assert list(manifest["permissions"]) == ["files"]
+    pins = [(ROOT / name).read_text().lower() for name in ("requirements.in", "requirements-wheels.txt")]
+    (version,) = {
+        line.split("==")[1].split()[0] for pin in pins for line in pin.splitlines() if "openexr==" in line
+    }
+    assert version
+
+
+def test_zip_holds_what_belongs_and_nothing_else(archive):
+    with zipfile.ZipFile(archive) as opened:
+        names = {name for name in opened.namelist() if not name.endswith("/")}
+        manifest = tomllib.loads(opened.read("blender_manifest.toml").decode())
+    wheels = {name for name in names if name.startswith("wheels/")}
+    assert names - wheels == {*source_files(), "blender_manifest.toml"}
+    assert {f"./{name}" for name in wheels} == set(manifest["wheels"])
+    assert sorted(Path(name).name.split("-")[0] for name in wheels) == [
+        "openexr",
+        "openexr",
+        "strata_kernels",
+    ]
+    assert {Path(name).name.split("-")[2] for name in wheels} == {"cp313", "cp314"}
+    listing = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    ours = subprocess.run(listing, cwd=ROOT, capture_output=True, text=True).stdout.split()
+    if ours:  # a source archive has no repository
+        assert names - wheels <= set(ours), "the zip holds a file that the repository ignores"
+
+
+def test_installs_bakes_and_leaves_nothing(archive, bare_python, tmp_path):
+    """In the pip-installed Blender."""
+    scene = ROOT / "sample_blends" / "courtyard.blend"
+    words = [bare_python, CHECK, archive, scene, tmp_path / "out.exr"]
+    env = {**os.environ, "BLENDER_USER_RESOURCES": str(tmp_path / "home")}
+    env.pop("PYTHONPATH", None)
+    result = subprocess.run(list(map(str, words)), env=env, capture_output=True, text=True, timeout=300)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "nothing left" in result.stdout
+
+
+def check_blender_binary(archive, tmp_path):
+    """Whose Python is another one than that which built the kernels: proves the stable ABI."""
+    home = tmp_path / "home"
+    shutil.copy(ROOT / "sample_blends" / "courtyard.blend", tmp_path)
+    scene, out = tmp_path / "courtyard.blend", tmp_path / "out.exr"
+    env = {**os.environ, "BLENDER_USER_RESOURCES": str(home)}
+
+    def blender(*words):
+        command = list(map(str, (os.environ["BLENDER"], *words)))
+        return subprocess.run(command, env=env, capture_output=True, text=True, timeout=300)
+
+    result = blender("-b", "--factory-startup", "--python", CHECK, "--", archive, scene, out)
+    assert "nothing left" in result.stdout, result.stdout + result.stderr
+
+    installed = blender("--command", "extension", "install-file", "-r", "user_default", "-e", archive)
+    assert installed.returncode == 0, installed.stdout + installed.stderr
+    words = (
+        "--size",
+        "96x54",
+        "--samples",
+        "1",
+        "--probes",
+        "0",
+        "--backend",
+        "cpu",
+        "-o",
+        tmp_path / "c.exr",
+    )
+    baked = blender("-b", scene, "--command", "strata", "bake", *words)
+    assert baked.returncode == 0, baked.stdout + baked.stderr
+    assert (tmp_path / "c.exr").stat().st_size > 0
+    refused = blender("-b", scene, "--command", "strata", "bake", "-o", tmp_path / "none" / "c.exr")
+    assert refused.returncode == 2
+    assert "does not exist" in refused.stderr
+
+
+if "BLENDER" in os.environ:  # a whole Blender with its own Python; CI makes one
+    test_installs_in_a_blender_binary = check_blender_binary
