@@ -2,7 +2,7 @@
 
 use crate::cancel::CancelFlag;
 use crate::emitter::{Emitter, Samples};
-use crate::rays::lanes::{LANES, Lanes, Work, dispatch};
+use crate::rays::lanes::{LANES, Lanes, Simd, Work, dispatch};
 use numpy::{
     IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray3, PyUntypedArrayMethods,
 };
@@ -25,7 +25,7 @@ impl Work for Chunk<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _: S) {
         // One sample in each cell of a 4 x 4 grid.
         let u: Lanes = std::array::from_fn(|lane| ((lane % 4) as f32 + 0.5) / 4.0);
         let v: Lanes = std::array::from_fn(|lane| ((lane / 4) as f32 + 0.5) / 4.0);

@@ -4,7 +4,7 @@
 //! fill; and why our own walk: obvhs' boxes are not widened for rounding and it drops boxes that end within
 //! t = 1e-4.
 
-use super::lanes::LANES;
+use super::lanes::{LANES, Simd};
 use super::packet::{Packet, WIDENING};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::builder::build_bvh2;
@@ -15,7 +15,7 @@ use std::time::Duration;
 /// Reference to a leaf: this bit, the index of its first primitive, and in the low bits their count.
 const LEAF: u32 = 1 << 31;
 const COUNT_BITS: u32 = 4;
-const MAX_LEAF: u32 = 8;
+const MAX_LEAF: u32 = 4;
 /// What a leaf's reference can index.
 pub const MAX_PRIMITIVES: usize = 1 << (31 - COUNT_BITS);
 
@@ -57,7 +57,7 @@ fn widened(aabb: &Aabb) -> ([f32; 3], [f32; 3]) {
 /// What a walk does with a leaf. A trait and not a closure, because it must be compiled with the walk (see
 /// [`super::lanes::dispatch`]), and closures cannot be told to.
 pub trait Leaf {
-    fn visit(&mut self, packet: &mut Packet, primitives: Range<usize>);
+    fn visit<S: Simd>(&mut self, simd: S, packet: &mut Packet, primitives: Range<usize>);
 }
 
 impl Bvh {
@@ -131,7 +131,13 @@ impl Bvh {
     /// Visits every leaf that some busy ray of the packet may meet, nearer ones first as far as the order
     /// along an axis tells, until no ray is busy. `stack` is scratch.
     #[inline(always)]
-    pub fn walk<const SHARED: bool>(&self, packet: &mut Packet, stack: &mut Vec<u32>, leaf: &mut impl Leaf) {
+    pub fn walk<S: Simd, const SHARED: bool>(
+        &self,
+        simd: S,
+        packet: &mut Packet,
+        stack: &mut Vec<u32>,
+        leaf: &mut impl Leaf,
+    ) {
         if self.nodes.is_empty() {
             return;
         }
@@ -141,8 +147,8 @@ impl Bvh {
         loop {
             if next & LEAF == 0 {
                 let node = &self.nodes[next as usize];
-                let first = packet.meets::<SHARED>(&node.low[0], &node.high[0]);
-                let second = packet.meets::<SHARED>(&node.low[1], &node.high[1]);
+                let first = packet.meets::<S, SHARED>(simd, &node.low[0], &node.high[0]);
+                let second = packet.meets::<S, SHARED>(simd, &node.low[1], &node.high[1]);
                 match (first, second) {
                     (true, true) => {
                         let near = (node.lower ^ u32::from(packet.goes_backward(node.axis))) as usize & 1;
@@ -163,8 +169,8 @@ impl Bvh {
             } else {
                 let first = ((next & !LEAF) >> COUNT_BITS) as usize;
                 let count = (next & ((1 << COUNT_BITS) - 1)) as usize;
-                leaf.visit(packet, first..first + count);
-                if !packet.is_busy() {
+                leaf.visit(simd, packet, first..first + count);
+                if packet.busy(simd) == 0 {
                     stack.truncate(floor);
                     return;
                 }

@@ -5,6 +5,7 @@
 
 #![allow(clippy::needless_range_loop)] // a lane is the same index in several arrays
 
+mod accel;
 mod bvh;
 pub mod lanes;
 mod packet;
@@ -15,17 +16,14 @@ mod visibility;
 
 use crate::cancel::CancelFlag;
 use crate::emitter::Emitter;
-use crate::geometry::Geometry;
-use bvh::Nearest;
-use lanes::{LANES, Work, dispatch};
+use accel::Accel;
+use lanes::dispatch;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
-use packet::{HIT, IDLE, Packet};
 use pattern::Pattern;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
-use scene::{Scene, Scratch};
-use std::sync::Arc;
+use scene::Scene;
 use visibility::{Points, Query, Screen, Visibility};
 
 /// Rays or points that one task handles between two looks at the cancel flag.
@@ -34,7 +32,6 @@ const CHUNK: usize = 512;
 const CANDIDATES: usize = 64;
 
 type Floats<'py> = Bound<'py, PyArray1<f32>>;
-type Integers<'py> = Bound<'py, PyArray1<i32>>;
 type Flag<'py> = Option<PyRef<'py, CancelFlag>>;
 
 fn triples<'a>(array: &'a PyReadonlyArray2<'_, f32>, rows: usize, what: &str) -> PyResult<&'a [[f32; 3]]> {
@@ -64,65 +61,6 @@ fn bytes<'a>(casters: &'a Option<PyReadonlyArray1<'_, u8>>, instances: usize) ->
     }
 }
 
-/// Geometry prepared for rays. While it lives, its geometry cannot change.
-#[pyclass(frozen)]
-pub struct Accel {
-    scene: Arc<Scene>,
-}
-
-/// Rays of a chunk, to be traced one packet after the other.
-struct Rays<'a, const NEAREST: bool> {
-    scene: &'a Scene,
-    casters: &'a [u8],
-    origins: &'a [[f32; 3]],
-    directions: &'a [[f32; 3]],
-    t_max: &'a [f32],
-    /// Called with the first ray's index, the traced packet and its nearest hits.
-    done: &'a mut dyn FnMut(usize, &Packet, &Nearest),
-}
-
-impl<const NEAREST: bool> Work for Rays<'_, NEAREST> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let mut scratch = Scratch::default();
-        for first in (0..self.origins.len()).step_by(LANES) {
-            let mut packet = Packet::EMPTY;
-            let mut nearest = Nearest::NONE;
-            let rays = first..(first + LANES).min(self.origins.len());
-            let mut shared = true;
-            for (lane, ray) in rays.enumerate() {
-                let (origin, direction) = (self.origins[ray], self.directions[ray]);
-                let finite = origin
-                    .iter()
-                    .chain(&direction)
-                    .fold(true, |f, x| f & x.is_finite());
-                let traced = finite && self.t_max[ray] > 0.0;
-                shared &= origin == self.origins[first];
-                if finite {
-                    let t_max = if traced {
-                        self.t_max[ray].min(f32::MAX)
-                    } else {
-                        IDLE
-                    };
-                    packet.set(lane, origin, direction, t_max);
-                }
-            }
-            packet.prepare();
-            if shared {
-                let (c, s) = (self.casters, &mut scratch);
-                self.scene.trace::<true, NEAREST>(c, &mut packet, s, &mut nearest);
-            } else {
-                let (c, s) = (self.casters, &mut scratch);
-                self.scene
-                    .trace::<false, NEAREST>(c, &mut packet, s, &mut nearest);
-            }
-            (self.done)(first, &packet, &nearest);
-        }
-    }
-}
-
 /// Runs `work` on each index of chunks in parallel, until the flag is raised.
 fn in_parallel<T: Send>(
     chunks: impl IndexedParallelIterator<Item = T>,
@@ -135,135 +73,6 @@ fn in_parallel<T: Send>(
         }
     });
     cancel.as_ref().map_or(Ok(()), CancelFlag::check)
-}
-
-#[pymethods]
-impl Accel {
-    /// Builds the tree. `origin` (3,) f64: the point in the world that rays are relative to, best the camera's
-    /// eye; `casters` (instances,) u8: zero leaves an instance out; None: all are in.
-    ///
-    /// Triangles without area or farther than 1e12 m and instances with a singular matrix are left out.
-    #[new]
-    #[pyo3(signature = (geometry, origin, casters=None))]
-    fn new(
-        py: Python<'_>,
-        geometry: PyRef<'_, Geometry>,
-        origin: PyReadonlyArray1<'_, f64>,
-        casters: Option<PyReadonlyArray1<'_, u8>>,
-    ) -> PyResult<Self> {
-        let data = geometry.data();
-        let casters = bytes(&casters, data.instances.len())?;
-        let origin = three(&origin, "origin")?;
-        let scene = py
-            .detach(|| Scene::build(data, origin, casters))
-            .map_err(PyValueError::new_err)?;
-        Ok(Accel {
-            scene: Arc::new(scene),
-        })
-    }
-
-    /// Triangles in the trees; a mesh that was not copied for each of its instances counts once.
-    fn triangle_count(&self) -> usize {
-        self.scene.triangle_count()
-    }
-
-    /// Instances that refer to a shared tree instead of being copied into the flat one.
-    fn instanced_count(&self) -> usize {
-        self.scene.placed_count()
-    }
-
-    /// Whether something lies between the ends of each segment: (N,) bool. `origins` (N, 3) f32 relative to
-    /// `origin`; `directions` (N, 3) f32 of any length; `t_max` (N,) f32 in lengths of the direction, infinity
-    /// allowed. `casters` (instances,) u8: zero lets light through; None: all stop it. A ray that is not finite
-    /// is free. A surface that the origin lies in, up to rounding, does not stop the ray. Sixteen consecutive
-    /// rays of one origin are fastest. Raises Cancelled.
-    #[pyo3(signature = (casters, origins, directions, t_max, cancel=None))]
-    fn occluded<'py>(
-        &self,
-        py: Python<'py>,
-        casters: Option<PyReadonlyArray1<'py, u8>>,
-        origins: PyReadonlyArray2<'py, f32>,
-        directions: PyReadonlyArray2<'py, f32>,
-        t_max: PyReadonlyArray1<'py, f32>,
-        cancel: Flag<'py>,
-    ) -> PyResult<Bound<'py, PyArray1<bool>>> {
-        let scene = &self.scene;
-        let t_max = t_max.as_slice()?;
-        let casters = bytes(&casters, scene.data.instances.len())?;
-        let origins = triples(&origins, t_max.len(), "origins")?;
-        let directions = triples(&directions, t_max.len(), "directions")?;
-        let cancel = cancel.map(|c| c.clone());
-        let result = py.detach(|| {
-            let mut result = vec![false; t_max.len()];
-            in_parallel(result.par_chunks_mut(CHUNK), &cancel, |chunk, result| {
-                let range = chunk * CHUNK..chunk * CHUNK + result.len();
-                dispatch(Rays::<false> {
-                    scene,
-                    casters,
-                    origins: &origins[range.clone()],
-                    directions: &directions[range.clone()],
-                    t_max: &t_max[range],
-                    done: &mut |first, packet, _| {
-                        for (lane, result) in result[first..].iter_mut().take(LANES).enumerate() {
-                            *result = packet.t_max[lane] == HIT;
-                        }
-                    },
-                });
-            })?;
-            PyResult::Ok(result)
-        })?;
-        Ok(result.into_pyarray(py))
-    }
-
-    /// The nearest hit of each ray: t (N,) f32, infinity for none, instance (N,) i32 and triangle (N,) i32, -1 for
-    /// none. Arguments as for `occluded`.
-    #[pyo3(signature = (casters, origins, directions, t_max, cancel=None))]
-    fn nearest<'py>(
-        &self,
-        py: Python<'py>,
-        casters: Option<PyReadonlyArray1<'py, u8>>,
-        origins: PyReadonlyArray2<'py, f32>,
-        directions: PyReadonlyArray2<'py, f32>,
-        t_max: PyReadonlyArray1<'py, f32>,
-        cancel: Flag<'py>,
-    ) -> PyResult<(Floats<'py>, Integers<'py>, Integers<'py>)> {
-        let scene = &self.scene;
-        let t_max = t_max.as_slice()?;
-        let casters = bytes(&casters, scene.data.instances.len())?;
-        let origins = triples(&origins, t_max.len(), "origins")?;
-        let directions = triples(&directions, t_max.len(), "directions")?;
-        let cancel = cancel.map(|c| c.clone());
-        let hits = py.detach(|| {
-            let mut hits = vec![(f32::INFINITY, -1, -1); t_max.len()];
-            in_parallel(hits.par_chunks_mut(CHUNK), &cancel, |chunk, hits| {
-                let range = chunk * CHUNK..chunk * CHUNK + hits.len();
-                dispatch(Rays::<true> {
-                    scene,
-                    casters,
-                    origins: &origins[range.clone()],
-                    directions: &directions[range.clone()],
-                    t_max: &t_max[range],
-                    done: &mut |first, packet, nearest| {
-                        for (lane, hit) in hits[first..].iter_mut().take(LANES).enumerate() {
-                            if nearest.instance[lane] != u32::MAX {
-                                let ids = (nearest.instance[lane] as i32, nearest.triangle[lane] as i32);
-                                *hit = (packet.t_max[lane], ids.0, ids.1);
-                            }
-                        }
-                    },
-                });
-            })?;
-            PyResult::Ok(hits)
-        })?;
-        let column = |f: fn(&(f32, i32, i32)) -> i32| hits.iter().map(f).collect::<Vec<i32>>();
-        let (instances, triangles) = (column(|h| h.1), column(|h| h.2));
-        let t: Vec<f32> = hits.iter().map(|h| h.0).collect();
-        Ok((
-            t.into_pyarray(py),
-            instances.into_pyarray(py),
-            triangles.into_pyarray(py),
-        ))
-    }
 }
 
 /// What `ray_visibility` and `ray_screen` have in common, checked.

@@ -1,9 +1,9 @@
 //! Geometry prepared for rays: one tree over everything that was flattened, and a tree of instances.
 
 use super::bvh::{Bounds, Bvh, Leaf, MAX_PRIMITIVES, Nearest};
-use super::lanes::{LANES, Lanes};
+use super::lanes::{LANES, Lanes, Simd};
 use super::packet::{HIT, Packet, WIDENING};
-use super::triangle::{HAS_CUTOUT, Triangle};
+use super::triangle::{HAS_CUTOUT, Hits, Triangle};
 use crate::geometry::{Data, Instance, Mesh};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -205,8 +205,9 @@ impl Scene {
     /// Traces a prepared packet. Rays that hit are left with `t_max` below zero, or with `NEAREST` at the
     /// nearest hit, which is written to `nearest`. `casters` as in [`Scene::build`].
     #[inline(always)]
-    pub fn trace<const SHARED: bool, const NEAREST: bool>(
+    pub fn trace<S: Simd, const SHARED: bool, const NEAREST: bool>(
         &self,
+        simd: S,
         casters: &[u8],
         packet: &mut Packet,
         scratch: &mut Scratch,
@@ -220,31 +221,29 @@ impl Scene {
             casters,
             nearest,
         };
-        self.flat.bvh.walk::<SHARED>(packet, outer, &mut flat);
-        if !self.placed.is_empty() && packet.is_busy() {
+        self.flat.bvh.walk::<S, SHARED>(simd, packet, outer, &mut flat);
+        if !self.placed.is_empty() && packet.busy(simd) != 0 {
             let mut placed = InInstances::<SHARED, NEAREST> {
                 scene: self,
                 casters,
                 nearest,
                 stack: inner,
             };
-            self.top.walk::<SHARED>(packet, outer, &mut placed);
+            self.top.walk::<S, SHARED>(simd, packet, outer, &mut placed);
         }
     }
 
-    /// Takes back hits where the material's alpha clip leaves nothing.
+    /// Takes back hits (one bit a lane) where the material's alpha clip leaves nothing.
     #[inline(never)]
-    fn cut_out(&self, triangle: &Triangle, instance: u32, weights: &[Lanes; 3], hit: &mut [bool; LANES]) {
+    fn cut_out(&self, triangle: &Triangle, instance: u32, weights: &[Lanes; 3], hit: u32) -> u32 {
         let instance = &self.data.instances[instance as usize];
         let mesh = &self.data.meshes[instance.mesh];
         let index = triangle.triangle as usize;
         let slot = mesh.triangle_slots.get(index).copied().unwrap_or(0);
         let cutout = &self.data.cutouts[instance.material(slot) as usize];
         let textured = !cutout.is_uniform() && !mesh.corner_uvs.is_empty();
-        for lane in 0..LANES {
-            if !hit[lane] {
-                continue;
-            }
+        let mut left = 0;
+        for lane in (0..LANES).filter(|lane| hit >> lane & 1 != 0) {
             let mut uv = [0.0; 2];
             if textured {
                 // `weights` are those of corners 2, 0 and 1.
@@ -256,8 +255,9 @@ impl Scene {
                     uv[1] += at[1] * share / sum;
                 }
             }
-            hit[lane] = cutout.is_opaque(uv);
+            left |= u32::from(cutout.is_opaque(uv)) << lane;
         }
+        left
     }
 }
 
@@ -272,35 +272,34 @@ struct InTriangles<'a, const SHARED: bool, const NEAREST: bool> {
 
 impl<const SHARED: bool, const NEAREST: bool> Leaf for InTriangles<'_, SHARED, NEAREST> {
     #[inline(always)]
-    fn visit(&mut self, packet: &mut Packet, primitives: Range<usize>) {
+    fn visit<S: Simd>(&mut self, simd: S, packet: &mut Packet, primitives: Range<usize>) {
         for triangle in &self.triangles[primitives] {
             let instance = self.instance.unwrap_or(triangle.instance);
             if !self.casters.is_empty() && self.casters[instance as usize] == 0 {
                 continue;
             }
-            let mut weights = [[0.0; LANES]; 3];
-            let Some(mut hits) = triangle.intersect::<SHARED>(packet, &mut weights) else {
-                continue;
+            let mut hits = Hits {
+                t: [0.0; LANES],
+                weights: [[0.0; LANES]; 3],
             };
-            if triangle.flags & HAS_CUTOUT != 0 {
-                self.scene.cut_out(triangle, instance, &weights, &mut hits.hit);
+            let mut hit = triangle.intersect::<S, SHARED>(simd, packet, &mut hits);
+            if hit != 0 && triangle.flags & HAS_CUTOUT != 0 {
+                hit = self.scene.cut_out(triangle, instance, &hits.weights, hit);
             }
-            let mut t_max = packet.t_max;
-            for lane in 0..LANES {
-                let end = if NEAREST {
-                    hits.height[lane] / hits.cosine[lane]
-                } else {
-                    HIT
-                };
-                t_max[lane] = if hits.hit[lane] { end } else { t_max[lane] };
+            if hit == 0 {
+                continue;
             }
-            packet.t_max = t_max;
+            let end = if NEAREST {
+                simd.load(&hits.t)
+            } else {
+                simd.splat(HIT)
+            };
+            let t_max = simd.select(simd.mask_of(hit), end, simd.load(&packet.t_max));
+            simd.store(t_max, &mut packet.t_max);
             if NEAREST {
-                for lane in 0..LANES {
-                    if hits.hit[lane] {
-                        self.nearest.instance[lane] = instance;
-                        self.nearest.triangle[lane] = triangle.triangle;
-                    }
+                for lane in (0..LANES).filter(|lane| hit >> lane & 1 != 0) {
+                    self.nearest.instance[lane] = instance;
+                    self.nearest.triangle[lane] = triangle.triangle;
                 }
             }
         }
@@ -317,11 +316,11 @@ struct InInstances<'a, const SHARED: bool, const NEAREST: bool> {
 
 impl<const SHARED: bool, const NEAREST: bool> Leaf for InInstances<'_, SHARED, NEAREST> {
     #[inline(always)]
-    fn visit(&mut self, packet: &mut Packet, primitives: Range<usize>) {
+    fn visit<S: Simd>(&mut self, simd: S, packet: &mut Packet, primitives: Range<usize>) {
         for placed in &self.scene.placed[primitives] {
             if self.casters.is_empty() || self.casters[placed.instance as usize] != 0 {
                 let tree = &self.scene.trees[placed.tree];
-                let mut local = packet_in_object(packet, &placed.inverse);
+                let mut local = packet_in_object(simd, packet, &placed.inverse);
                 let mut triangles = InTriangles::<SHARED, NEAREST> {
                     scene: self.scene,
                     triangles: &tree.triangles,
@@ -329,7 +328,8 @@ impl<const SHARED: bool, const NEAREST: bool> Leaf for InInstances<'_, SHARED, N
                     casters: &[],
                     nearest: self.nearest,
                 };
-                tree.bvh.walk::<SHARED>(&mut local, self.stack, &mut triangles);
+                tree.bvh
+                    .walk::<S, SHARED>(simd, &mut local, self.stack, &mut triangles);
                 packet.t_max = local.t_max;
             }
         }
@@ -389,7 +389,7 @@ fn transformed_bounds(matrix: &Matrix, bounds: ([f32; 3], [f32; 3])) -> Bounds {
 }
 
 #[inline(always)]
-fn packet_in_object(packet: &Packet, inverse: &Matrix) -> Packet {
+fn packet_in_object<S: Simd>(simd: S, packet: &Packet, inverse: &Matrix) -> Packet {
     let mut local = *packet;
     for axis in 0..3 {
         let row = inverse[axis];
@@ -400,6 +400,6 @@ fn packet_in_object(packet: &Packet, inverse: &Matrix) -> Packet {
             local.direction[axis][lane] = (row[0] * d[0] + row[1] * d[1] + row[2] * d[2]) as f32;
         }
     }
-    local.prepare();
+    local.prepare(simd);
     local
 }

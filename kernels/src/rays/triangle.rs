@@ -3,17 +3,21 @@
 //! A ray is inside where the signs of its Plücker products with the three edges agree, as in Embree's robust
 //! mode. The product of an edge (v0, v1) as seen from the origin, direction . ((v1 - v0) x (a0 + a1)), changes
 //! exactly its sign when the ends are swapped, in floating point too, so that of two triangles that share an
-//! edge at least one is hit: no light leaks between neighbours. (Möller and Trumbore's test has no such bond
-//! between neighbours; Woop, Benthin and Wald's has, but needs an axis per ray, which a packet does not share.)
+//! edge at least one is hit: no light leaks between neighbours. Where many meet in a vertex, rounded signs may
+//! contradict each other, so products within rounding of zero count as inside. (Möller and Trumbore's test has
+//! no such bond between neighbours; Woop, Benthin and Wald's has, but needs an axis per ray, which a packet
+//! does not share.)
 //!
 //! A ray cannot hit a triangle whose plane its origin lies in. Origins are rounded, so "in" means a height
 //! within rounding: some units in the last place of the distances involved. This is what keeps a surface from
 //! shadowing itself, however large its triangles.
 
-use super::lanes::{LANES, Lanes, max, min};
+use super::lanes::{Lanes, Simd};
 use super::packet::Packet;
 
 const ON_PLANE: f32 = 1.0 / (1 << 20) as f32;
+/// Of direction * edge * distance: bounds the rounding of their product (some twelve roundings of 2^-24).
+const ON_EDGE: f32 = 1.0 / (1 << 20) as f32;
 
 pub const HAS_CUTOUT: u32 = 1;
 
@@ -23,6 +27,7 @@ pub struct Triangle {
     pub corners: [[f32; 3]; 3],
     /// Unit, from float64: a sliver's edges in float32 would not give it.
     pub normal: [f32; 3],
+    pub longest_edge: f32,
     pub instance: u32,
     pub triangle: u32,
     pub flags: u32,
@@ -53,6 +58,11 @@ pub fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
 }
 
 #[inline(always)]
+fn max(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+#[inline(always)]
 fn magnitude(a: [f32; 3]) -> f32 {
     max(a[0].abs(), max(a[1].abs(), a[2].abs()))
 }
@@ -78,80 +88,101 @@ impl Triangle {
         (inside && length > 1e-30).then(|| Triangle {
             corners: corners32,
             normal: n.map(|x| (x / length) as f32),
+            longest_edge: [(0, 1), (1, 2), (2, 0)]
+                .map(|(i, j)| magnitude(sub(corners32[i], corners32[j])))
+                .into_iter()
+                .fold(0.0, max),
             instance,
             triangle,
             flags,
         })
     }
 
-    /// Which rays hit before their `t_max`; None: none can. `weights` become the unnormalised barycentric
-    /// weights of corners 2, 0 and 1.
+    /// Which rays hit before their `t_max`, one bit a lane; stores into `hits` what follows for those that do.
     #[inline(always)]
-    pub fn intersect<const SHARED: bool>(&self, packet: &Packet, weights: &mut [Lanes; 3]) -> Option<Hits> {
-        let d = &packet.direction;
-        let n = self.normal;
+    pub fn intersect<S: Simd, const SHARED: bool>(&self, simd: S, packet: &Packet, hits: &mut Hits) -> u32 {
+        let d = [0, 1, 2].map(|axis| simd.load(&packet.direction[axis]));
         let [v0, v1, v2] = self.corners;
-        let mut hits = Hits {
-            height: [0.0; LANES],
-            cosine: [0.0; LANES],
-            hit: [false; LANES],
-        };
-        dot_lanes(d, n, &mut hits.cosine);
+        let zero = simd.splat(0.0);
+        let (u, v, w, height, rounding);
+        let unit = ON_EDGE * self.longest_edge * packet.longest_direction;
         if SHARED {
             let origin = [packet.origin[0][0], packet.origin[1][0], packet.origin[2][0]];
             let (a, b, c) = (sub(v0, origin), sub(v1, origin), sub(v2, origin));
-            let height = dot(a, n);
+            let above = dot(a, self.normal);
             let reach = max(magnitude(a), max(magnitude(b), magnitude(c)));
-            if height.abs() <= ON_PLANE * reach + packet.slack {
-                return None;
+            if above.abs() <= ON_PLANE * reach + packet.slack {
+                return 0;
             }
-            hits.height = [height; LANES];
-            dot_lanes(d, cross(sub(v1, v0), add(a, b)), &mut weights[0]);
-            dot_lanes(d, cross(sub(v2, v1), add(b, c)), &mut weights[1]);
-            dot_lanes(d, cross(sub(v0, v2), add(c, a)), &mut weights[2]);
+            height = simd.splat(above);
+            rounding = simd.splat(unit * reach);
+            u = dots(simd, d, cross(sub(v1, v0), add(a, b)).map(|x| simd.splat(x)));
+            v = dots(simd, d, cross(sub(v2, v1), add(b, c)).map(|x| simd.splat(x)));
+            w = dots(simd, d, cross(sub(v0, v2), add(c, a)).map(|x| simd.splat(x)));
         } else {
-            let o = &packet.origin;
-            for lane in 0..LANES {
-                let origin = [o[0][lane], o[1][lane], o[2][lane]];
-                let direction = [d[0][lane], d[1][lane], d[2][lane]];
-                let (a, b, c) = (sub(v0, origin), sub(v1, origin), sub(v2, origin));
-                weights[0][lane] = dot(direction, cross(sub(v1, v0), add(a, b)));
-                weights[1][lane] = dot(direction, cross(sub(v2, v1), add(b, c)));
-                weights[2][lane] = dot(direction, cross(sub(v0, v2), add(c, a)));
-                let height = dot(a, n);
-                let reach = max(magnitude(a), max(magnitude(b), magnitude(c)));
-                let on_plane = height.abs() <= ON_PLANE * reach + packet.slack;
-                hits.height[lane] = if on_plane { 0.0 } else { height };
+            let o = [0, 1, 2].map(|axis| simd.load(&packet.origin[axis]));
+            let from = |v: [f32; 3]| [0, 1, 2].map(|axis| simd.sub(simd.splat(v[axis]), o[axis]));
+            let (a, b, c) = (from(v0), from(v1), from(v2));
+            u = dots(simd, d, edge(simd, sub(v1, v0), a, b));
+            v = dots(simd, d, edge(simd, sub(v2, v1), b, c));
+            w = dots(simd, d, edge(simd, sub(v0, v2), c, a));
+            let above = dots(simd, a, self.normal.map(|x| simd.splat(x)));
+            let size = |x| simd.max(x, simd.sub(zero, x));
+            let mut reach = zero;
+            for axis in 0..3 {
+                reach = simd.max(
+                    reach,
+                    simd.max(size(a[axis]), simd.max(size(b[axis]), size(c[axis]))),
+                );
             }
+            let tolerance = simd.add(simd.mul(simd.splat(ON_PLANE), reach), simd.splat(packet.slack));
+            rounding = simd.mul(simd.splat(unit), reach);
+            height = simd.select(simd.less(tolerance, size(above)), above, zero);
         }
-        for lane in 0..LANES {
-            let (u, v, w) = (weights[0][lane], weights[1][lane], weights[2][lane]);
-            let (least, most) = (min(u, min(v, w)), max(u, max(v, w)));
-            let (height, cosine) = (hits.height[lane], hits.cosine[lane]);
-            // 0 < height / cosine < t_max, without the division.
-            let (up, along) = if height < 0.0 {
-                (-height, -cosine)
-            } else {
-                (height, cosine)
-            };
-            let between = (up > 0.0) & (along > 0.0) & (up < packet.t_max[lane] * along);
-            hits.hit[lane] = ((least >= 0.0) | (most <= 0.0)) & between;
+        let cosine = dots(simd, d, self.normal.map(|x| simd.splat(x)));
+        let least = simd.min(u, simd.min(v, w));
+        let most = simd.max(u, simd.max(v, w));
+        let inside = simd.or(
+            simd.less_equal(simd.sub(zero, rounding), least),
+            simd.less_equal(most, rounding),
+        );
+        // 0 < height / cosine < t_max, without the division.
+        let under = simd.less(height, zero);
+        let up = simd.select(under, simd.sub(zero, height), height);
+        let along = simd.select(under, simd.sub(zero, cosine), cosine);
+        let end = simd.mul(simd.load(&packet.t_max), along);
+        let ahead = simd.and(simd.less(zero, along), simd.less(zero, up));
+        let hit = simd.bits(simd.and(simd.and(inside, ahead), simd.less(up, end)));
+        if hit != 0 {
+            simd.store(simd.div(up, along), &mut hits.t);
+            simd.store(u, &mut hits.weights[0]);
+            simd.store(v, &mut hits.weights[1]);
+            simd.store(w, &mut hits.weights[2]);
         }
-        Some(hits)
+        hit
     }
 }
 
-/// What a triangle does to a packet.
+/// Where the rays that hit a triangle hit it.
 pub struct Hits {
-    /// Of the triangle's plane over each origin, and its slope to each ray: t is their quotient.
-    pub height: Lanes,
-    pub cosine: Lanes,
-    pub hit: [bool; LANES],
+    pub t: Lanes,
+    /// Unnormalised barycentric weights of corners 2, 0 and 1.
+    pub weights: [Lanes; 3],
 }
 
 #[inline(always)]
-fn dot_lanes(d: &[Lanes; 3], n: [f32; 3], result: &mut Lanes) {
-    for lane in 0..LANES {
-        result[lane] = d[0][lane] * n[0] + d[1][lane] * n[1] + d[2][lane] * n[2];
-    }
+fn dots<S: Simd>(simd: S, a: [S::Float; 3], b: [S::Float; 3]) -> S::Float {
+    simd.add(
+        simd.add(simd.mul(a[0], b[0]), simd.mul(a[1], b[1])),
+        simd.mul(a[2], b[2]),
+    )
+}
+
+/// Edge normals as seen from each origin: edge x (start + end).
+#[inline(always)]
+fn edge<S: Simd>(simd: S, edge: [f32; 3], start: [S::Float; 3], end: [S::Float; 3]) -> [S::Float; 3] {
+    let e = edge.map(|x| simd.splat(x));
+    let s = [0, 1, 2].map(|axis| simd.add(start[axis], end[axis]));
+    let part = |i: usize, j: usize| simd.sub(simd.mul(e[i], s[j]), simd.mul(e[j], s[i]));
+    [part(1, 2), part(2, 0), part(0, 1)]
 }

@@ -1,7 +1,7 @@
 //! Soft shadows by casting rays: what every faster method is compared with, and what it falls back to.
 
 use super::bvh::Nearest;
-use super::lanes::{LANES, Lanes, Work};
+use super::lanes::{LANES, Lanes, Simd, Work};
 use super::packet::{IDLE, Packet};
 use super::pattern::{Pattern, hash, pcg, unit};
 use super::scene::{Scene, Scratch};
@@ -54,11 +54,13 @@ impl Pending {
 
     /// Traces what is there and adds the weights that arrive.
     #[inline(always)]
-    fn flush(&mut self, query: &Query, scratch: &mut Scratch, arrived: &mut [f32]) {
+    fn flush<S: Simd>(&mut self, simd: S, query: &Query, scratch: &mut Scratch, arrived: &mut [f32]) {
         if self.used > 0 {
-            self.packet.prepare();
+            self.packet.prepare(simd);
             let scene = query.scene;
-            scene.trace::<false, false>(query.casters, &mut self.packet, scratch, &mut { Nearest::NONE });
+            scene.trace::<S, false, false>(simd, query.casters, &mut self.packet, scratch, &mut {
+                Nearest::NONE
+            });
             for lane in 0..self.used {
                 if self.packet.t_max[lane] >= 0.0 {
                     arrived[self.point[lane]] += self.weight[lane];
@@ -123,7 +125,7 @@ impl Work for Visibility<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, simd: S) {
         let Visibility {
             query,
             points,
@@ -165,9 +167,9 @@ impl Work for Visibility<'_, '_> {
                     continue;
                 }
                 if count > FEW {
-                    let mut packet = Packet::shared(lit.origin, samples.direction, t_max);
+                    let mut packet = Packet::shared(simd, lit.origin, samples.direction, t_max);
                     let scene = query.scene;
-                    scene.trace::<true, false>(query.casters, &mut packet, &mut scratch, &mut {
+                    scene.trace::<S, true, false>(simd, query.casters, &mut packet, &mut scratch, &mut {
                         Nearest::NONE
                     });
                     for lane in 0..LANES {
@@ -177,7 +179,7 @@ impl Work for Visibility<'_, '_> {
                     continue;
                 }
                 if pending.used + busy as usize > LANES {
-                    pending.flush(query, &mut scratch, visibility);
+                    pending.flush(simd, query, &mut scratch, visibility);
                 }
                 for lane in 0..LANES {
                     if t_max[lane] >= 0.0 {
@@ -194,7 +196,7 @@ impl Work for Visibility<'_, '_> {
             weight[index] = sent.iter().sum();
             visibility[index] += arrived.iter().sum::<f32>();
         }
-        pending.flush(query, &mut scratch, visibility);
+        pending.flush(simd, query, &mut scratch, visibility);
         for (index, (visibility, weight)) in visibility.iter_mut().zip(weight).enumerate() {
             *visibility = if *weight > 0.0 {
                 (*visibility / *weight).min(1.0)
@@ -219,7 +221,7 @@ impl Work for Screen<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, simd: S) {
         let Screen {
             query,
             points,
@@ -273,7 +275,7 @@ impl Work for Screen<'_, '_> {
                     continue;
                 }
                 if pending.used == LANES {
-                    pending.flush(query, &mut scratch, &mut arrived);
+                    pending.flush(simd, query, &mut scratch, &mut arrived);
                 }
                 let lane = pending.used;
                 pending
@@ -284,7 +286,7 @@ impl Work for Screen<'_, '_> {
                 pending.used += 1;
             }
         }
-        pending.flush(query, &mut scratch, &mut arrived);
+        pending.flush(simd, query, &mut scratch, &mut arrived);
         for (index, estimate) in estimates.iter_mut().enumerate() {
             *estimate = [0, 1].map(|i| u8::from(arrived[2 * index + i] > 0.0));
         }
