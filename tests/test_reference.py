@@ -74,17 +74,6 @@ def test_visibility_of_two_plates_is_the_closed_form(light):
 @pytest.mark.parametrize(
     "light",
     [
-        Emitter(
-            EmitterKind.RECTANGLE, (0, 0, 3), **AXES, half_width=0.75, half_height=0.5, tan_half_spread=0.3
-        ),
-        Emitter(
-            EmitterKind.ELLIPSE, (0, 0, 3), **AXES, half_width=0.75, half_height=0.5, tan_half_spread=0.3
-        ),
-        Emitter(
-            EmitterKind.SPHERE, (0, 0, 3), **AXES, half_width=0.5, half_height=0.5, cos_cone=0.96, blend=0.4
-        ),
-        Emitter(EmitterKind.SPHERE, (0, 0, 0.4), **AXES, half_width=1.0, half_height=1.0),
-        Emitter(EmitterKind.SPHERE, (0, 0, 3), **AXES, half_width=0.0, half_height=0.0),
         replace(LIGHTS[0], tan_half_spread=0.3),
         replace(LIGHTS[1], tan_half_spread=0.3),
         replace(LIGHTS[2], cos_cone=0.96, blend=0.4),
