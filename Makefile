@@ -5,7 +5,7 @@ PYTHON := $(VENV)/bin/python
 FIND_PYTHON := for p in python3.13 $$(ls -d $${PYENV_ROOT:-$$HOME/.pyenv}/versions/3.13*/bin/python3.13 2>/dev/null | sort -V -r); do \
 	"$$p" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 13))' 2>/dev/null && { echo "$$p"; exit 0; }; done; exit 1
 
-.PHONY: setup demo test lint bench extension clean
+.PHONY: setup demo test lint bench docs extension clean
 
 setup: $(VENV)/.kernels
 
@@ -38,9 +38,13 @@ lint: setup
 bench: setup
 	$(PYTHON) scripts/bench.py
 
+# docs/effects, from what the effects declare.
+docs: setup
+	$(PYTHON) scripts/effect_docs.py
+
 # dist/strata-<version>-linux_x64.zip, to install from a file in Blender's preferences.
 extension: setup
 	$(PYTHON) scripts/build_extension.py
 
 clean:
-	rm -rf $(VENV) out dist build *.egg-info kernels/target .pytest_cache .ruff_cache
+	rm -rf $(VENV) out dist build *.egg-info kernels/target .pytest_cache .ruff_cache .hypothesis

@@ -1,0 +1,91 @@
+"""Writes docs/effects/<effect>.md from what the effects declare. `make docs` runs it; a test compares."""
+
+from __future__ import annotations
+
+import inspect
+from enum import Enum
+from importlib import import_module
+from pathlib import Path
+
+from strata.addon.core.effect import Effect
+from strata.addon.core.graph import Step
+from strata.addon.core.params import ParamSpec
+from strata.addon.effects.registry import EFFECTS
+
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "effects"
+
+
+def page(effect: Effect) -> str:
+    """The page of one effect, in Markdown."""
+    return "\n".join(
+        [
+            f"# {effect.title} (`{effect.id}`)",
+            "",
+            f"{effect.doc}.",
+            "",
+            f"Source: {effect.source}. What it approximates, where it fails and how that is tested:",
+            f"[addon/effects/{effect.id}/README.md](../../addon/effects/{effect.id}/README.md).",
+            "",
+            "<!-- Written by scripts/effect_docs.py from the declaration: change that, then `make docs`. -->",
+            "",
+            "## Layers",
+            "",
+            *_table(["Layer", "Channels", "Made for", "Error", "Meaning"], map(_layer_row, effect.layers)),
+            "",
+            "## Parameters",
+            "",
+            f"In a shell `--set {effect.id}.<name>=<value>`, in Python `scene.strata.{effect.id}.<name>`.",
+            "",
+            *_table(["Name", "Default", "Range", "Unit", "Dearer and better", "Meaning"],
+                    map(_parameter_row, effect.params.specs())),
+            "",
+            "## Steps",
+            "",
+            *_table(["Step", "CPU", "GPU"], map(_step_row, steps_of(effect))),
+            "",
+        ]
+    )  # fmt: skip
+
+
+def steps_of(effect: Effect) -> list[Step]:
+    """The steps that the effect declares itself, by name."""
+    module = import_module(f"strata.addon.effects.{effect.id}.steps")
+    return sorted((v for _, v in inspect.getmembers(module) if isinstance(v, Step)), key=lambda s: s.name)
+
+
+def _table(head: list[str], rows) -> list[str]:
+    lines = [head, ["---"] * len(head), *rows]
+    return ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines]
+
+
+def _layer_row(kind) -> list[str]:
+    name = f"{kind.title} *light*" if kind.per_light else kind.title
+    return [name, kind.channels, "each light" if kind.per_light else "the image", kind.metric.value, kind.doc]
+
+
+def _parameter_row(spec: ParamSpec) -> list[str]:
+    default = spec.default.value if isinstance(spec.default, Enum) else spec.default
+    accepted = ", ".join(spec.choices)
+    if spec.hard:
+        accepted = f"{spec.hard[0]:g} to {spec.hard[1]:g}"
+        if spec.soft != spec.hard:
+            accepted += f" (slider {spec.soft[0]:g} to {spec.soft[1]:g})"
+    shown = f"{default:g}" if isinstance(default, float) else str(default).lower()
+    return [f"`{spec.name}`", shown, accepted, spec.unit, "yes" if spec.trades_time else "", spec.doc]
+
+
+def _step_row(step: Step) -> list[str]:
+    hole = f"no: {step.hole}" if step.hole else "no"
+    return [f"`{step.name}`", *("yes" if twin else hole for twin in (step.cpu, step.gpu))]
+
+
+def main() -> None:
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for path in FOLDER.glob("*.md"):
+        path.unlink()
+    for effect in EFFECTS:
+        (FOLDER / f"{effect.id}.md").write_text(page(effect), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
