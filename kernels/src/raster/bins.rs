@@ -218,11 +218,11 @@ impl SetUpChunk<'_> {
     #[inline(always)]
     fn bin(&self, points: &[Point], [[x0, y0], [x1, y1]]: Pixels, item: u32, pairs: &mut Vec<(u32, u32)>) {
         let tile = |at: i32| at as usize / TILE;
-        let (tx0, tx1) = (tile(x0), tile(x1));
-        let (ty0, ty1) = (tile(y0) - self.grid.first_row, tile(y1) - self.grid.first_row);
-        let few = tx1 - tx0 <= 1 && ty1 - ty0 <= 1;
-        for ty in ty0..=ty1 {
-            for tx in tx0..=tx1 {
+        let (tx0, tx1) = (tile(x0), tile(x1) + 1);
+        let (ty0, ty1) = (tile(y0) - self.grid.first_row, tile(y1) + 1 - self.grid.first_row);
+        let few = tx1 - tx0 <= 2 && ty1 - ty0 <= 2;
+        for ty in ty0..ty1 {
+            for tx in tx0..tx1 {
                 let tile = ty * self.grid.columns + tx;
                 if few || self.touches(points, tile) {
                     pairs.push((tile as u32, item));

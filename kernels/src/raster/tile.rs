@@ -7,6 +7,7 @@ use super::clip::MAX_CORNERS;
 use super::edge::{Edge, edge};
 use super::setup::{Plane, Point, Triangle};
 use super::simd::{LANES, Lanes, Vector};
+use std::ops::Range;
 
 pub const BLOCK_WIDTH: usize = 4;
 pub const BLOCK_HEIGHT: usize = 2;
@@ -157,6 +158,27 @@ fn cover<const N: usize>(origin: [usize; 2], points: &[Point]) -> Option<(Extent
     Some((extent(low, high), edges))
 }
 
+/// Blocks in a row beyond which looking for the ones that a triangle touches is quicker than trying all.
+const NARROW: usize = 6;
+
+/// The columns of the blocks starting at row `y` that no edge excludes.
+#[inline(always)]
+fn crossed<const N: usize>(edges: &[Edge<i32>; N], y: i32, columns: Range<i32>) -> Range<i32> {
+    let (mut first, mut end) = (columns.start, columns.end);
+    for edge in edges {
+        // The largest value in column 0's block; it changes by `step` from column to column.
+        let reach = (BLOCK_WIDTH as i32 - 1) * edge.dx.max(0) + (BLOCK_HEIGHT as i32 - 1) * edge.dy.max(0);
+        let (most, step) = (edge.at + edge.dy * y + reach, BLOCK_WIDTH as i32 * edge.dx);
+        match step.signum() {
+            1 => first = first.max(-most.div_euclid(step)),
+            -1 => end = end.min(most.div_euclid(-step) + 1),
+            _ if most < 0 => end = first,
+            _ => {}
+        }
+    }
+    first..end
+}
+
 #[inline(always)]
 fn draw<V: Vector, S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
     v: V,
@@ -166,7 +188,6 @@ fn draw<V: Vector, S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
 ) {
     let Outline { edges, plane, id, .. } = outline;
     let [low, high] = outline.extent;
-    let [first, last] = [low, high].map(|p| [p[0] >> 2, p[1] >> 1]);
     let affine = |dx: i32, dy: i32| {
         let along = v.mul_int(v.splat_int(dx), v.ints(&LANE_X));
         v.add_int(along, v.mul_int(v.splat_int(dy), v.ints(&LANE_Y)))
@@ -177,9 +198,16 @@ fn draw<V: Vector, S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
         v.mul(v.splat(plane.dy as f32), v.floats(&LANE_Y_FLOAT)),
     );
     let (nearest, farthest) = (v.splat(plane.nearest), v.splat(plane.farthest));
-    for row in first[1]..=last[1] {
-        for column in first[0]..=last[0] {
-            let (x, y) = (column * BLOCK_WIDTH as i32, row * BLOCK_HEIGHT as i32);
+    const WIDTH: i32 = BLOCK_WIDTH as i32;
+    const HEIGHT: i32 = BLOCK_HEIGHT as i32;
+    for row in low[1].div_euclid(HEIGHT)..high[1].div_euclid(HEIGHT) + 1 {
+        let y = row * HEIGHT;
+        let mut columns = low[0].div_euclid(WIDTH)..high[0].div_euclid(WIDTH) + 1;
+        if columns.len() > NARROW {
+            columns = crossed(edges, y, columns);
+        }
+        for column in columns {
+            let x = column * WIDTH;
             let mut outside = v.splat_int(0);
             for (e, &step) in edges.iter().zip(&steps) {
                 outside = v.or(outside, v.add_int(v.splat_int(e.at + e.dx * x + e.dy * y), step));
