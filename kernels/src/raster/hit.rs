@@ -1,34 +1,43 @@
 //! Where in a triangle a pixel's ray lands, in double precision, and what is there.
 
 use super::camera::{Camera, Ray, Transform, Vec3, add, cross, dot, scale, sub, winding_normal};
+use super::simd::Lanes;
+use super::tile::BLOCK_WIDTH;
 use crate::geometry::{Data, Instance, Mesh};
 
-/// A triangle ready to answer for pixels. World axes, relative to the eye.
-pub struct Locator<'a> {
-    pub instance_index: usize,
-    pub instance: &'a Instance,
-    pub mesh: &'a Mesh,
-    pub triangle: usize,
-    to_eye: Transform,
-    corners: [Vec3; 3],
-    sides: [Vec3; 2],
+/// Finds triangles by their ids, for one eye.
+pub struct Finder<'a> {
+    data: &'a Data,
+    /// Id of each instance's first triangle.
+    first_ids: &'a [u32],
+    pub camera: &'a Camera,
+    /// Of each instance, world axes.
+    to_eye: Vec<Transform>,
 }
 
-fn normalised(v: Vec3) -> Option<Vec3> {
-    let length = dot(v, v).sqrt();
-    (length.is_finite() && length > 0.0).then(|| scale(v, 1.0 / length))
-}
+impl<'a> Finder<'a> {
+    pub fn new(data: &'a Data, first_ids: &'a [u32], camera: &'a Camera) -> Self {
+        let to_eye = |instance: &Instance| camera.object_to_eye(&instance.matrix);
+        Finder {
+            data,
+            first_ids,
+            camera,
+            to_eye: data.instances.iter().map(to_eye).collect(),
+        }
+    }
 
-impl<'a> Locator<'a> {
-    /// `id` counts triangles over all instances; `first_ids` holds each instance's first.
-    pub fn new(data: &'a Data, first_ids: &[u32], camera: &Camera, id: u32) -> Self {
-        let instance_index = first_ids.partition_point(|&first| first <= id) - 1;
-        let instance = &data.instances[instance_index];
-        let to_eye = camera.object_to_eye(&instance.matrix);
-        let mesh = data.meshes[instance.mesh].as_ref();
-        let triangle = (id - first_ids[instance_index]) as usize;
-        let corners = mesh.triangle_positions(triangle).map(|p| to_eye.point(p));
-        Locator {
+    /// `id` counts triangles over all instances.
+    pub fn find(&self, id: u32) -> Hit<'_> {
+        let instance_index = self.first_ids.partition_point(|&first| first <= id) - 1;
+        let instance = &self.data.instances[instance_index];
+        let to_eye = &self.to_eye[instance_index];
+        let mesh = self.data.meshes[instance.mesh].as_ref();
+        let triangle = (id - self.first_ids[instance_index]) as usize;
+        let local = mesh.triangle_positions(triangle);
+        let corners = local.map(|p| to_eye.point(p));
+        // A mirroring matrix turns the winding round, but not the side that is outside.
+        let outside = if to_eye.is_mirrored() { -1.0 } else { 1.0 };
+        Hit {
             instance_index,
             instance,
             mesh,
@@ -36,9 +45,51 @@ impl<'a> Locator<'a> {
             to_eye,
             corners,
             sides: [sub(corners[1], corners[0]), sub(corners[2], corners[0])],
+            outside,
+            outward: normalised(scale(to_eye.normal(winding_normal(local)), outside)),
         }
     }
 
+    /// Sets the depths of a block's fragments that alpha clip cuts away to infinity; `pixel` is its first.
+    #[inline(never)]
+    pub fn cut(&self, depths: &mut Lanes<f32>, id: u32, pixel: [usize; 2]) {
+        let hit = self.find(id);
+        let cutout = &self.data.cutouts[hit.material() as usize];
+        for (lane, depth) in depths.0.iter_mut().enumerate() {
+            if depth.is_finite() {
+                let ray = self
+                    .camera
+                    .ray(pixel[0] + lane % BLOCK_WIDTH, pixel[1] + lane / BLOCK_WIDTH);
+                let weights = hit.weights(self.camera, &ray);
+                if !cutout.is_opaque(hit.uv(weights)) {
+                    *depth = f32::INFINITY;
+                }
+            }
+        }
+    }
+}
+
+/// A triangle ready to answer for pixels. World axes, relative to the eye.
+pub struct Hit<'a> {
+    pub instance_index: usize,
+    pub instance: &'a Instance,
+    pub triangle: usize,
+    mesh: &'a Mesh,
+    to_eye: &'a Transform,
+    corners: [Vec3; 3],
+    sides: [Vec3; 2],
+    /// -1 where the matrix mirrors.
+    outside: f64,
+    /// Unit normal on the object's outside; None where the triangle has no area.
+    outward: Option<Vec3>,
+}
+
+fn normalised(v: Vec3) -> Option<Vec3> {
+    let length = dot(v, v).sqrt();
+    (length.is_finite() && length > 0.0).then(|| scale(v, 1.0 / length))
+}
+
+impl Hit<'_> {
     pub fn material(&self) -> u32 {
         let slot = self.mesh.triangle_slots.get(self.triangle).copied().unwrap_or(0);
         self.instance.material(slot)
@@ -116,12 +167,8 @@ impl<'a> Locator<'a> {
     /// Unit normals, geometric and shading, in world axes. The geometric one faces the viewer, and the
     /// shading one is turned with it.
     pub fn normals(&self, ray: &Ray, weights: Vec3) -> [Vec3; 2] {
-        // A mirroring matrix turns the winding round, but not the side that is outside.
-        let mirrored = if self.to_eye.is_mirrored() { -1.0 } else { 1.0 };
-        let winding = self
-            .to_eye
-            .normal(winding_normal(self.mesh.triangle_positions(self.triangle)));
-        let outward = normalised(scale(winding, mirrored))
+        let outward = self
+            .outward
             .or_else(|| normalised(scale(ray.direction, -1.0)))
             .unwrap_or([0.0, 0.0, 1.0]);
         let turn = if dot(outward, ray.direction) > 0.0 {
@@ -136,7 +183,7 @@ impl<'a> Locator<'a> {
         let corners = self.mesh.triangles[self.triangle].map(|c| self.mesh.corner_normals[c as usize]);
         let local: Vec3 =
             std::array::from_fn(|k| (0..3).map(|i| f64::from(corners[i][k]) * weights[i]).sum::<f64>());
-        let shading = normalised(scale(self.to_eye.normal(local), mirrored * turn)).unwrap_or(geometric);
+        let shading = normalised(scale(self.to_eye.normal(local), self.outside * turn)).unwrap_or(geometric);
         [geometric, shading]
     }
 }

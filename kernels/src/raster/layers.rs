@@ -1,7 +1,7 @@
 //! The nearest depths of every texel, in one pass: a k-buffer a tile, owned by one task.
 
-use super::alpha::AlphaTest;
 use super::bins::{Bins, TILE};
+use super::hit::Finder;
 use super::simd::{LANES, Lanes, Vector, Work, run_widest};
 use super::tile::{BLOCK_WIDTH, BLOCKS, Sink, draw_tile, quarter};
 use crate::cancel::CancelFlag;
@@ -39,7 +39,7 @@ impl Sink for KBuffer<'_> {
 
 struct DrawTile<'a, 'b> {
     bins: &'a Bins,
-    alpha: &'a AlphaTest<'a>,
+    finder: &'a Finder<'a>,
     tile: usize,
     layers: usize,
     /// Used again by the next tile.
@@ -58,7 +58,7 @@ impl Work for DrawTile<'_, '_> {
             depths: self.depths,
             layers: self.layers,
         };
-        draw_tile(v, self.bins, self.tile, self.alpha, &mut sink);
+        draw_tile(v, self.bins, self.tile, self.finder, &mut sink);
         let count = self.rows.len() / self.layers;
         for (index, row) in self.rows.iter_mut().enumerate() {
             let (layer, y) = (index / count, index % count);
@@ -80,7 +80,7 @@ impl Work for DrawTile<'_, '_> {
 /// Layer-major depths of the whole image: `layers * height * width`, ascending, INFINITY where there is no more.
 pub fn layered_depth(
     bins: &Bins,
-    alpha: &AlphaTest,
+    finder: &Finder,
     layers: usize,
     height: usize,
     cancel: &CancelFlag,
@@ -106,7 +106,7 @@ pub fn layered_depth(
             } else {
                 run_widest(DrawTile {
                     bins,
-                    alpha,
+                    finder,
                     tile,
                     layers,
                     depths,

@@ -3,7 +3,6 @@
 //! Triangles are set up in parallel, sorted into tiles, and each tile is drawn by one task, in the order
 //! of the triangles' ids. Row 0 is the bottom row.
 
-mod alpha;
 mod bins;
 mod camera;
 mod clip;
@@ -19,9 +18,9 @@ mod tile;
 use crate::cancel::CancelFlag;
 use crate::geometry::{Data, Geometry};
 use crate::view::View;
-use alpha::AlphaTest;
 use bins::{Bins, Grid, bin_triangles, first_ids};
 use camera::Camera;
+use hit::Finder;
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -115,12 +114,8 @@ fn raster_surface<'py>(
     py.detach(|| {
         let ids = first_ids(&data)?;
         let bins = bin_triangles(&data, &drawn, &ids, &camera, Grid::new(width, y0, y1), &cancel)?;
-        let alpha = AlphaTest {
-            data: &data,
-            first_ids: &ids,
-            camera: &camera,
-        };
-        surface::surface(&bins, &alpha, &mut images, &cancel)
+        let finder = Finder::new(&data, &ids, &camera);
+        surface::surface(&bins, &finder, &mut images, &cancel)
     })?;
     let result = PyDict::new(py);
     let h = y1 - y0;
@@ -175,12 +170,8 @@ fn layered_depth<'py>(
     let image = py.detach(|| {
         let ids = first_ids(&data)?;
         let bins: Bins = bin_triangles(&data, &drawn, &ids, &camera, Grid::new(width, 0, height), &cancel)?;
-        let alpha = AlphaTest {
-            data: &data,
-            first_ids: &ids,
-            camera: &camera,
-        };
-        layers::layered_depth(&bins, &alpha, layers, height, &cancel)
+        let finder = Finder::new(&data, &ids, &camera);
+        layers::layered_depth(&bins, &finder, layers, height, &cancel)
     })?;
     Ok(PyArray1::from_vec(py, image)
         .reshape([layers, height, width])?

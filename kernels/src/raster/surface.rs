@@ -1,9 +1,9 @@
 //! The surface that a view sees: a visibility buffer first, then only the attributes asked for.
 
-use super::alpha::AlphaTest;
 use super::bins::{Bins, TILE};
 use super::camera::{Camera, dot};
-use super::hit::Locator;
+use super::hit::{Finder, Hit};
+
 use super::simd::{LANES, Lanes, Vector, Work, run_widest};
 use super::tile::{BLOCK_WIDTH, BLOCKS, Sink, draw_tile, quarter};
 use crate::cancel::CancelFlag;
@@ -46,7 +46,7 @@ impl Visibility {
 
 struct DrawTile<'a> {
     bins: &'a Bins,
-    alpha: &'a AlphaTest<'a>,
+    finder: &'a Finder<'a>,
     tile: usize,
     /// Used again by the next tile.
     visibility: &'a mut Visibility,
@@ -59,7 +59,7 @@ impl Work for DrawTile<'_> {
     fn run<V: Vector>(self, v: V) {
         self.visibility.depths.fill(Lanes([f32::INFINITY; LANES]));
         self.visibility.ids.fill(Lanes([NOTHING.cast_signed(); LANES]));
-        draw_tile(v, self.bins, self.tile, self.alpha, self.visibility);
+        draw_tile(v, self.bins, self.tile, self.finder, self.visibility);
     }
 }
 
@@ -123,7 +123,7 @@ fn to_f32(v: [f64; 3]) -> [f32; 3] {
 }
 
 /// Writes a pixel's attributes. `Images` start zeroed, so only what differs from zero is written where nothing is seen.
-fn shade(row: &mut Row, x: usize, camera: &Camera, pixel: [usize; 2], hit: Option<&Locator>) {
+fn shade(row: &mut Row, x: usize, camera: &Camera, pixel: [usize; 2], hit: Option<&Hit>) {
     let Some(hit) = hit else {
         if let Some(depth) = &mut row.depth {
             depth[x] = f32::INFINITY;
@@ -179,8 +179,8 @@ fn shade(row: &mut Row, x: usize, camera: &Camera, pixel: [usize; 2], hit: Optio
 }
 
 /// Fills the wanted attributes of the grid's rows.
-pub fn surface(bins: &Bins, alpha: &AlphaTest, images: &mut Images, cancel: &CancelFlag) -> PyResult<()> {
-    let (grid, camera) = (bins.grid, alpha.camera);
+pub fn surface(bins: &Bins, finder: &Finder, images: &mut Images, cancel: &CancelFlag) -> PyResult<()> {
+    let (grid, camera) = (bins.grid, finder.camera);
     let tiles = split(images, bins);
     let buffer = || Visibility {
         depths: vec![Lanes([f32::INFINITY; LANES]); BLOCKS],
@@ -191,22 +191,19 @@ pub fn surface(bins: &Bins, alpha: &AlphaTest, images: &mut Images, cancel: &Can
         cancel.check()?;
         run_widest(DrawTile {
             bins,
-            alpha,
+            finder,
             tile,
             visibility,
         });
         let (origin, (columns, rows)) = (grid.origin(tile), grid.extent(tile));
-        let mut last: Option<(u32, Locator)> = None;
+        let mut last: Option<(u32, Hit)> = None;
         for (row, y) in parts.iter_mut().zip(rows) {
             for x in columns.clone() {
                 let id = visibility.id(x - origin[0], y - origin[1]);
                 if id != NOTHING && last.as_ref().is_none_or(|(shown, _)| *shown != id) {
-                    last = Some((id, Locator::new(alpha.data, alpha.first_ids, camera, id)));
+                    last = Some((id, finder.find(id)));
                 }
-                let hit = last
-                    .as_ref()
-                    .filter(|_| id != NOTHING)
-                    .map(|(_, locator)| locator);
+                let hit = last.as_ref().filter(|_| id != NOTHING).map(|(_, hit)| hit);
                 shade(row, x - origin[0], camera, [x, y], hit);
             }
         }

@@ -1,10 +1,10 @@
 //! Drawing a tile: coverage and depth in blocks of 4 x 2 pixels.
 
-use super::alpha::AlphaTest;
 use super::bins::{Bins, Item, TILE};
 use super::camera::{SUBPIXEL_BITS, SUBPIXELS};
 use super::clip::MAX_CORNERS;
 use super::edge::{Edge, edge};
+use super::hit::Finder;
 use super::setup::{Plane, Point, Triangle};
 use super::simd::{LANES, Lanes, Vector};
 use std::ops::Range;
@@ -45,16 +45,17 @@ struct Outline<'a, const N: usize> {
     edges: [Edge<i32>; N],
     plane: &'a Plane,
     id: u32,
-    alpha: Option<&'a AlphaTest<'a>>,
+    /// Where the material cuts fragments away.
+    alpha: Option<&'a Finder<'a>>,
 }
 
 /// Draws all items of a tile into the sink, in the order of their ids.
 #[inline(always)]
-pub fn draw_tile<V: Vector, S: Sink>(v: V, bins: &Bins, tile: usize, alpha: &AlphaTest, sink: &mut S) {
-    if alpha.camera.orthographic {
-        draw_items::<V, S, true>(v, bins, tile, alpha, sink);
+pub fn draw_tile<V: Vector, S: Sink>(v: V, bins: &Bins, tile: usize, finder: &Finder, sink: &mut S) {
+    if finder.camera.orthographic {
+        draw_items::<V, S, true>(v, bins, tile, finder, sink);
     } else {
-        draw_items::<V, S, false>(v, bins, tile, alpha, sink);
+        draw_items::<V, S, false>(v, bins, tile, finder, sink);
     }
 }
 
@@ -63,7 +64,7 @@ fn draw_items<V: Vector, S: Sink, const ORTHOGRAPHIC: bool>(
     v: V,
     bins: &Bins,
     tile: usize,
-    alpha: &AlphaTest,
+    finder: &Finder,
     sink: &mut S,
 ) {
     let origin = bins.grid.origin(tile);
@@ -92,7 +93,7 @@ fn draw_items<V: Vector, S: Sink, const ORTHOGRAPHIC: bool>(
                             edges,
                             plane: &p.plane,
                             id: p.id,
-                            alpha: p.alpha_tested.then_some(alpha),
+                            alpha: p.alpha_tested.then_some(finder),
                         };
                         draw::<V, S, ORTHOGRAPHIC, MAX_CORNERS>(v, origin, &outline, sink);
                     }
@@ -227,10 +228,10 @@ fn draw<V: Vector, S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
             if !sink.wants(v, block, depths) {
                 continue;
             }
-            if let Some(alpha) = outline.alpha {
+            if let Some(finder) = outline.alpha {
                 let mut cut = Lanes([0.0; LANES]);
                 v.store_floats(depths, &mut cut);
-                alpha.cut(&mut cut, *id, pixel);
+                finder.cut(&mut cut, *id, pixel);
                 depths = v.floats(&cut);
             }
             sink.keep(v, block, depths, *id);
