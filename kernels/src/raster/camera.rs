@@ -12,9 +12,16 @@ pub const SUBPIXEL_BITS: u32 = 8;
 pub const SUBPIXELS: i32 = 1 << SUBPIXEL_BITS;
 
 /// Triangles are clipped this far outside the image (in pixels), which bounds the edge functions.
-pub const GUARD_PIXELS: f64 = 16384.0;
+const GUARD_PIXELS: f64 = 16384.0;
 
-/// With the guard on both sides, coordinates span at most 2^24 subpixels.
+/// Pixel centres move at most this many pixels.
+const MAX_JITTER: f64 = 64.0;
+
+/// How far outside the image (in pixels) a snapped point may lie: the guard, the jitter, and rounding.
+pub const MARGIN_PIXELS: i32 = (GUARD_PIXELS + MAX_JITTER) as i32 + 1;
+
+/// With the margin on both sides, coordinates span 65666 * 256 < 2^24.01 subpixels, which keeps the edge
+/// functions in a tile of 64 pixels, 63 (|dx| + |dy|) at most, below 2^31.
 pub const MAX_SIDE: usize = 32768;
 
 #[inline(always)]
@@ -135,6 +142,9 @@ impl Camera {
             return Err(PyValueError::new_err(
                 "a view and its jitter are finite, but for the far plane",
             ));
+        }
+        if jitter.iter().any(|j| j.abs() > MAX_JITTER) {
+            return Err(PyValueError::new_err("the jitter is at most 64 pixels"));
         }
         if !view.orthographic && view.near <= 0.0 {
             return Err(PyValueError::new_err(

@@ -1,7 +1,7 @@
 //! Triangle setup: an object-space triangle becomes a convex outline on the image and an affine depth.
 
 use super::bins::{Grid, Pixels};
-use super::camera::{Camera, GUARD_PIXELS, SUBPIXELS, Vec3, dot, sub};
+use super::camera::{Camera, MARGIN_PIXELS, SUBPIXELS, Vec3, dot, sub};
 use super::clip::{MAX_CORNERS, clip};
 
 /// Sines of corner angles below this are taken for zero area. Triangles with float32 corners are either
@@ -100,9 +100,9 @@ impl Camera {
 
     /// Whether edge functions of a snapped point stay within their integers.
     fn is_in_range(&self, point: Point) -> bool {
-        let guard = GUARD_PIXELS as i32 + 1;
-        let within =
-            |at: i32, side: usize| at >= -guard * SUBPIXELS && at <= (side as i32 + guard) * SUBPIXELS;
+        let within = |at: i32, side: usize| {
+            at >= -MARGIN_PIXELS * SUBPIXELS && at <= (side as i32 + MARGIN_PIXELS) * SUBPIXELS
+        };
         within(point[0], self.width) && within(point[1], self.height)
     }
 
