@@ -17,7 +17,6 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 STAGE = ROOT / "build" / "extension"
 DIST = ROOT / "dist"
-PYTHONS = ("3.13", "3.14")
 # The kernels' source travels with their binary: whoever gets the one gets the other.
 SOURCES = (
     "__init__.py", "LICENSE", "addon/**/*.py", "addon/**/*.glsl", "ops/*.py",
@@ -40,24 +39,14 @@ def blender_ext(*words: str) -> None:
         sys.exit(f"{' '.join(words)}:\n{result.stdout}{result.stderr}")
 
 
-def stage_wheels(folder: Path) -> list[str]:
-    """The kernels' wheel, built by `make setup`, and OpenEXR's; their names."""
+def stage_wheel(folder: Path) -> str:
+    """Copies the kernels' wheel, built by `make setup`; its name."""
     folder.mkdir(parents=True)
-    kernels = sorted((DIST / "wheels").glob("strata_kernels-*.whl"), key=lambda path: path.stat().st_mtime)
-    if not kernels:
+    wheels = sorted((DIST / "wheels").glob("strata_kernels-*.whl"), key=lambda path: path.stat().st_mtime)
+    if not wheels:
         sys.exit("no wheel of the kernels: run 'make setup' first")
-    shutil.copy2(kernels[-1], folder)
-    for version in PYTHONS:
-        subprocess.run(
-            [
-                sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--require-hashes",
-                "--only-binary=:all:", "--implementation=cp", f"--python-version={version}",
-                "--platform=manylinux_2_28_x86_64", f"--dest={folder}",
-                f"--requirement={ROOT / 'requirements-wheels.txt'}",
-            ],
-            check=True,
-        )  # fmt: skip
-    return sorted(path.name for path in folder.iterdir())
+    shutil.copy2(wheels[-1], folder)
+    return wheels[-1].name
 
 
 def stage() -> Path:
@@ -67,7 +56,7 @@ def stage() -> Path:
     for path in paths:
         (STAGE / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / path, STAGE / path)
-    wheels = [f"./wheels/{name}" for name in stage_wheels(STAGE / "wheels")]
+    wheels = [f"./wheels/{stage_wheel(STAGE / 'wheels')}"]
     # A top-level key has to come before the manifest's tables; JSON's lists of strings are TOML's too.
     manifest = (ROOT / "blender_manifest.toml").read_text(encoding="utf-8")
     manifest = f"wheels = {json.dumps(wheels, indent=1)}\n{manifest}"

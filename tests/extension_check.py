@@ -48,7 +48,7 @@ def strata_subclasses() -> list[str]:
 def check(archive: str, scene: str, output: str) -> None:
     import addon_utils  # Blender's own, found once bpy is there
 
-    for name in ("OpenEXR", "strata", "strata_kernels"):
+    for name in ("strata", "strata_kernels"):
         assert find_spec(name) is None, f"{name} is there already, so the zip's own would not be proved"
     before = registered()
 
@@ -67,17 +67,13 @@ def check(archive: str, scene: str, output: str) -> None:
     assert bpy.ops.strata.plan() == {"FINISHED"}
     assert bpy.ops.strata.bake(filepath=output) == {"FINISHED"}
     made = [image for image in bpy.data.images if image not in images and image.is_float]
-    import OpenEXR
+    assert made, "no image was made"
     import strata_kernels
 
-    with OpenEXR.File(output, header_only=True) as file:
-        names = [part.name() for part in file.parts]
-    assert names, "no layer"
-    assert len(made) == len(names), f"{len(made)} images of {len(names)} layers"
     home = os.path.realpath(os.environ["BLENDER_USER_RESOURCES"])
-    for module in (OpenEXR, strata_kernels):
-        assert os.path.realpath(module.__file__).startswith(home), f"{module.__file__} is not the zip's"
-    print(f"baked {len(names)} layers with Python {sys.version.split()[0]}")
+    place = os.path.realpath(strata_kernels.__file__)
+    assert place.startswith(home), f"{place} is not the zip's"
+    print(f"baked {len(made)} layers with Python {sys.version.split()[0]}")
 
     warnings = addon_utils._extensions_warnings_get()
     assert not warnings, warnings

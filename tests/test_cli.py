@@ -12,8 +12,8 @@ from argparse import ArgumentTypeError
 from pathlib import Path
 
 import pytest
+from exr_layers import read_layers
 from strata.addon.effects.registry import EFFECTS
-from strata.addon.layers.exr import read_layers
 from strata.ops.arguments import Placeholder, frames, names, setting, size
 from strata.ops.cli import main
 from strata.ops.terminal import Progress, time_left

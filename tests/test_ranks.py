@@ -32,7 +32,7 @@ IMPORTERS = {
     "gpu_extras": (),
     "bgl": (),
     "strata_kernels": ("addon/devices/cpu.py",),
-    "OpenEXR": ("addon/layers",),
+    "OpenEXR": (),  # addon/layers/openexr.py says why
     "PIL": (),
     "strata": (),  # inside Blender the package has another name
 }
