@@ -21,9 +21,9 @@ class Field:
     def rmse(self) -> float:
         return weighted_rmse(self.values - self.truths, self.weights)
 
-    def strata(self, probes: int, rng) -> dict[Difficulty, Stratum]:
+    def strata(self, probes: int, rng) -> list[Stratum]:
         """What ProbeCollector would have kept. A point's x is its pixel's number."""
-        strata = {}
+        strata = []
         for kind in (Difficulty.PENUMBRA, Difficulty.REST):
             members = np.flatnonzero(self.difficulty == kind)
             if len(members):
@@ -31,14 +31,18 @@ class Field:
                 priorities = rng.permutation(len(pixels)).astype(np.uint32)
                 position = np.stack([pixels, 0 * pixels, 0 * pixels], 1).astype(np.float32)
                 points = SurfacePoints(position, position, position, np.zeros(3))
-                strata[kind] = Stratum(kind, len(members), pixels, priorities, self.values[pixels], points)
+                values = self.values[pixels]
+                strata.append(Stratum(kind, len(members), pixels, priorities, values, points))
         return strata
+
+    def weigh(self, points: SurfacePoints):
+        return self.weights[points.position[:, 0].astype(np.int64)]
 
     def screen(self, points: SurfacePoints, seed: int):
         """Two single rays a point, as ray_screen."""
         pixels = points.position[:, 0].astype(np.int64)
         rng = np.random.default_rng(seed)
-        return rng.random((len(pixels), 2)) < self.truths[pixels, None], self.weights[pixels]
+        return rng.random((len(pixels), 2)) < self.truths[pixels, None]
 
     def reference(self, points: SurfacePoints, samples: int, seed: int):
         """Two halves of `samples` stratified rays: across an edge their noise falls with n^-3/4."""

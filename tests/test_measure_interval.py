@@ -78,7 +78,8 @@ def average_of(totals):
     return np.mean(totals), np.std(totals, ddof=1) / math.sqrt(len(totals))
 
 
-def test_binary_estimate_is_unbiased_and_knows_its_variance():
+@pytest.mark.parametrize("rays", [1, 2, 16])
+def test_binary_estimate_is_unbiased_and_knows_its_variance(rays):
     rng = np.random.default_rng(3)
     population, screened, probes = 3000, 1500, 40
     errors = np.zeros(population)
@@ -87,15 +88,15 @@ def test_binary_estimate_is_unbiased_and_knows_its_variance():
     totals, variances = [], []
     for _ in range(2000):
         chosen = rng.permutation(population)[:screened]
-        flagged = chosen[(rng.random((screened, 2)) < errors[chosen, None]).any(1)]
+        flagged = chosen[(rng.random((screened, rays)) < errors[chosen, None]).any(1)]
         probed = flagged[:probes]
         values = np.ones(len(probed))
         halves = np.clip((1.0 - errors[probed])[:, None] + 0.01 * rng.standard_normal((len(probed), 2)), 0, 1)
         part, _ = binary_part(
-            population, weights[chosen], len(flagged), 2, Measured(values, halves, weights[probed])
+            population, weights[chosen], len(flagged), rays, Measured(values, halves, weights[probed])
         )
         totals.append(part.total)
-        variances.append(part.variance)
+        variances.append(part.variance + part.noise_variance)
     mean, error = average_of(totals)
     assert mean == pytest.approx((weights * errors**2).sum(), abs=4 * error)
     assert np.mean(variances) == pytest.approx(np.var(totals), rel=0.1)  # sd of 2000 variances: 3%
@@ -147,7 +148,9 @@ def test_interval_holds_the_truth(maker):
     for run in range(runs):
         if run % 10 == 0:
             field = maker(rng, pixels)
-        error = measure_visibility(field.strata(probes, rng), probes, field.screen, field.reference, seed=run)
+        error = measure_visibility(
+            field.strata(probes, rng), probes, field.weigh, field.screen, field.reference, seed=run
+        )
         held += error.ci95[0] <= field.rmse <= error.ci95[1]
     assert held >= 0.9 * runs
 
@@ -155,7 +158,9 @@ def test_interval_holds_the_truth(maker):
 def test_interval_is_narrow_for_common_errors_at_the_default_probes():
     rng = np.random.default_rng(6)
     field = fields.healthy(rng, 960 * 540)
-    error = measure_visibility(field.strata(2048, rng), 2048, field.screen, field.reference, seed=0)
+    error = measure_visibility(
+        field.strata(2048, rng), 2048, field.weigh, field.screen, field.reference, seed=0
+    )
     assert field.rmse == pytest.approx(0.011, abs=5e-4)
     assert 0.0100 < error.ci95[0] < field.rmse < error.ci95[1] < 0.0126
     assert error.value == pytest.approx(field.rmse, rel=0.06)
@@ -184,17 +189,20 @@ def test_bias_and_largest_error_are_found():
     field = fields.slightly_leaking(rng, 100_000)
     bias = np.average(field.values - field.truths, weights=field.weights)
     found = [
-        measure_visibility(field.strata(512, rng), 512, field.screen, field.reference, seed).bias
+        measure_visibility(field.strata(512, rng), 512, field.weigh, field.screen, field.reference, seed).bias
         for seed in range(20)
     ]
     mean, error = average_of(found)
     assert mean == pytest.approx(bias, abs=4 * error)
     spoilt = fields.spoilt(rng, 100_000, 1e-3)
-    assert measure_visibility(spoilt.strata(512, rng), 512, spoilt.screen, spoilt.reference, 1).max > 0.9
+    assert (
+        measure_visibility(spoilt.strata(512, rng), 512, spoilt.weigh, spoilt.screen, spoilt.reference, 1).max
+        > 0.9
+    )
 
 
 def test_nothing_to_measure():
-    error = measure_visibility({}, 100, None, None, seed=0)
+    error = measure_visibility([], 100, None, None, None, seed=0)
     assert (error.value, error.ci95, error.bias, error.p99, error.max) == (0.0, (0.0, 0.0), 0.0, 0.0, 0.0)
     assert error.probes == 0
 
@@ -203,5 +211,7 @@ def test_same_seed_same_figures():
     rng = np.random.default_rng(9)
     field = fields.healthy(rng, 20_000)
     strata = field.strata(128, rng)
-    first, second = (measure_visibility(strata, 128, field.screen, field.reference, 3) for _ in range(2))
+    first, second = (
+        measure_visibility(strata, 128, field.weigh, field.screen, field.reference, 3) for _ in range(2)
+    )
     assert first.to_json() | {"seconds": 0} == second.to_json() | {"seconds": 0}

@@ -17,6 +17,10 @@ DEPTH_JUMP = 1.2  # neighbours whose squared distances to the eye differ by more
 GRAZING_SINE = 0.1  # light lower than this above the surface grazes it
 
 
+KIND_BITS = 3  # of a code, the Difficulty; the bits above are the brightness
+CODES = 1 << (KIND_BITS + 7)
+
+
 class Difficulty(IntEnum):
     """DARK gets no light, so that its errors weigh nothing. PENUMBRA is partly lit. EDGE is fully lit or
     fully dark, but near a change of either or near a silhouette. TERMINATOR is grazed by the light."""
@@ -81,21 +85,27 @@ def near_changes(change_x: np.ndarray, change_y: np.ndarray) -> np.ndarray:
 
 
 def classify(ground: Ground, values: np.ndarray, emitter: Emitter, eye: np.ndarray) -> np.ndarray:
-    """(rows * width,) uint8 of Difficulty; `values` (rows, width) of the layer, `eye` (3,) float64."""
+    """(rows * width,) uint16: each pixel's Difficulty, and above KIND_BITS how much light about it gets, in
+    steps of a factor of 4. 0 where there is none. `values` (rows, width) of the layer, `eye` (3,) float64."""
     low, high = values > SNAP, values < 1.0 - SNAP
     side = low.view(np.uint8) - high.view(np.uint8)  # -1, 0 and 1 modulo 256: dark, between and lit
     edges = near_changes(*(a != b for a, b in _neighbours(side))) | ground.silhouettes
-    dark, grazed = reach(ground, emitter, eye)
-    code = np.full(values.size, Difficulty.REST, np.uint8)
-    code[grazed] = Difficulty.TERMINATOR
-    code[edges.reshape(-1)] = Difficulty.EDGE
-    code[(low & high).reshape(-1)] = Difficulty.PENUMBRA
+    dark, grazed, brightness = reach(ground, emitter, eye)
+    # The upper seven bits of a positive float are its exponent, halved: factors of 4.
+    code = (brightness.view(np.uint32) >> np.uint32(24)).astype(np.uint16)
+    code <<= KIND_BITS
+    kind = np.full(values.size, Difficulty.REST, np.uint16)
+    kind[grazed] = Difficulty.TERMINATOR
+    kind[edges.reshape(-1)] = Difficulty.EDGE
+    kind[(low & high).reshape(-1)] = Difficulty.PENUMBRA
+    code |= kind
     code[dark | ~ground.hit] = Difficulty.DARK
     return code
 
 
-def reach(ground: Ground, emitter: Emitter, eye: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points that the light cannot reach even without casters, and points that it grazes: (N,) bool each."""
+def reach(ground: Ground, emitter: Emitter, eye: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points that the light cannot reach even without casters and points that it grazes, (N,) bool each; and
+    about how much light they get without casters (N,) float32, positive."""
     forward = np.array(emitter.forward, np.float32)
     if emitter.kind == EmitterKind.DISTANT_DISK:
         distance = np.float32(1.0)
@@ -115,7 +125,10 @@ def reach(ground: Ground, emitter: Emitter, eye: np.ndarray) -> tuple[np.ndarray
     # The highest and lowest point of the light over the tangent plane, with some room for rounding.
     reach_up = np.float32(1.001 * radius) + np.float32(1e-4) * distance
     grazing = np.float32(radius) + np.float32(GRAZING_SINE) * distance
-    return behind | (heights[0] < -reach_up), (heights[0] < grazing) | (heights[1] < grazing)
+    # As from the light's centre: cosine over the squared distance, within the light as from its rim.
+    far = np.maximum(distance, np.float32(max(radius, 1e-9)))
+    brightness = np.maximum(heights[0] + np.float32(radius), np.float32(1e-6) * far) / (far * far * far)
+    return behind | (heights[0] < -reach_up), (heights[0] < grazing) | (heights[1] < grazing), brightness
 
 
 def _outside_cone(along, distance, radius: float, cos_cone: float) -> np.ndarray:

@@ -12,10 +12,12 @@ import numpy as np
 
 from .interval import Part
 
-CENSUS_UNSEEN = 0.2
-"""Even where every pixel was screened, rays may have missed: m pixels of error e pass two rays each with
-probability (1 - e)^2m and then hide m e^2. At the rule of three's confidence that is at most 3.69 * 0.2,
-at e = 0.72."""
+CENSUS_UNSEEN = 0.41
+"""Even where every pixel was screened, rays may have missed: m pixels of error e pass r rays each with
+probability (1 - e)^rm and then hide m e^2. Against the rule of three's bound, which is for one wholly wrong
+pixel each, that is at most 0.41 / r, at e = 0.72."""
+
+STEP = 1e-3  # of finite differences
 
 SMALLEST_CHANCE = 2.0**-9
 """Floor of a flagged pixel's chance of being flagged, two rays out of 1/1024: what 2 x 128 rays resolve."""
@@ -67,19 +69,35 @@ def binary_part(
     if not screened:
         return Part(0.0, 0.0, 0.0, 0.0), np.zeros(0)
     share = screened / population
-    unseen = unseen_weight(screened_weights) / share * max(1.0 - share, CENSUS_UNSEEN)
+    unseen = unseen_weight(screened_weights) / share * max(1.0 - share, CENSUS_UNSEEN / rays)
     if not looked_at:
         return Part(0.0, 0.0, 0.0, unseen), np.zeros(0)
-    errors = np.abs(measured.errors)
-    chances = np.maximum(1.0 - (1.0 - np.minimum(errors, 1.0)) ** rays, SMALLEST_CHANCE)
+    errors = np.clip(np.abs(measured.errors), 0.0, 1.0)
     repeats = flagged / looked_at  # flagged pixels that each measured one stands for
+    chances = _chance(errors, rays)
     sampling = repeats / (share * chances)
-    counts = sampling * measured.weights * errors**2
+    # e^2 / p is curved, so that noise in e shifts its mean, by half its curvature times the noise's variance.
+    inner = np.clip(errors, STEP, 1.0 - STEP)
+    before, here, after = (_counted(inner + step, rays) for step in (-STEP, 0.0, STEP))
+    slope, curvature = (after - before) / (2.0 * STEP), (after - 2.0 * here + before) / STEP**2
+    noise = 0.5 * measured.noise_variances  # of the halves' mean
+    scale = repeats / share * measured.weights
+    counts = scale * (_counted(errors, rays) - 0.5 * curvature * noise)
     # Sampling with independent chances share * p, then drawing `looked_at` of `flagged` without putting back.
     variance = ((1.0 - share * chances) * counts**2).sum() / repeats
     if looked_at > 1:
         variance += looked_at * (1.0 - 1.0 / repeats) * counts.var(ddof=1)
-    return Part(float(counts.sum()), float(variance), 0.0, unseen), sampling
+    noise_variance = ((scale * slope) ** 2 * noise).sum()
+    return Part(float(counts.sum()), float(variance), float(noise_variance), unseen), sampling
+
+
+def _chance(errors: np.ndarray, rays: int) -> np.ndarray:
+    return np.maximum(1.0 - (1.0 - errors) ** rays, SMALLEST_CHANCE)
+
+
+def _counted(errors: np.ndarray, rays: int) -> np.ndarray:
+    """e^2 / p, without the floor."""
+    return errors**2 / np.maximum(1.0 - (1.0 - errors) ** rays, 1e-12)
 
 
 @dataclass(frozen=True)

@@ -51,15 +51,18 @@ class Measurement:
         light = self._outline.lights[layer.light_index]
         evaluate = effect_named(layer.effect).reference
 
+        def weigh(points):
+            return rays.irradiance(light.emitter, points)
+
         def screen(points, seed):
-            return rays.screen(casters, light.emitter, points, seed), rays.irradiance(light.emitter, points)
+            return rays.screen(casters, light.emitter, points, seed)
 
         def reference(points, samples, seed):
             return evaluate(rays, ShadowLight(light.emitter, casters), points, samples, seed)
 
         strata = self._collector.strata(layer.name)
         seed = int(hash_bits(self.seed, text_bits(layer.name)))
-        error = measure_visibility(strata, self.probes, screen, reference, seed)
+        error = measure_visibility(strata, self.probes, weigh, screen, reference, seed)
         seconds = self._collecting_seconds + time.perf_counter() - started
         return replace(error, seconds=seconds)
 

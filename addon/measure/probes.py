@@ -15,13 +15,13 @@ import numpy as np
 from ..core.emitter import Emitter
 from ..core.random import hash_bits, text_bits
 from ..core.surface import Chunk, SurfacePoints
-from .difficulty import MARGIN, Difficulty, Ground, classify
+from .difficulty import CODES, KIND_BITS, MARGIN, Difficulty, Ground, classify
 
 POINT_ATTRIBUTES = ("position", "geometric_normal", "shading_normal")
 ALL = np.uint32(0xFFFFFFFF)
 BAND_PIXELS = 1 << 15
 
-# Pixels kept for each probe asked for: screening costs a ray or two a pixel, a probe 256.
+# Pixels of one stratum that are kept for each probe asked for.
 KEPT = {
     Difficulty.PENUMBRA: 12,
     Difficulty.EDGE: 16,
@@ -42,9 +42,11 @@ class Watched:
 
 @dataclass(frozen=True)
 class Stratum:
-    """A random choice of the `population` pixels of one difficulty: `pixels` (N,) uint32, row * width +
-    column, ascending, so that rays of neighbours run together; their random `priorities` (N,) uint32; the
-    layer's `values` (N,) float64 there and the surface `points`."""
+    """A random choice of the `population` pixels of one difficulty that get about as much light.
+
+    `pixels` (N,) uint32, row * width + column, ascending, so that rays of neighbours run together; their
+    random `priorities` (N,) uint32; the layer's `values` (N,) float64 there and the surface `points`.
+    """
 
     difficulty: Difficulty
     population: int
@@ -53,11 +55,14 @@ class Stratum:
     values: np.ndarray
     points: SurfacePoints
 
-    def first(self, count: int) -> Stratum:
-        """The same with at most `count` pixels."""
+    def smallest(self, count: int) -> np.ndarray:
+        """Ascending index of the `count` pixels of smallest priority, or of all."""
         if count >= len(self.pixels):
-            return self
-        index = np.sort(np.argpartition(self.priorities, count)[:count])
+            return np.arange(len(self.pixels))
+        return np.sort(np.argpartition(self.priorities, count)[:count])
+
+    def at(self, index: np.ndarray) -> Stratum:
+        """The same with the pixels `index` only."""
         columns = (column[index] for column in (self.pixels, self.priorities, self.values))
         return Stratum(self.difficulty, self.population, *columns, take(self.points, index))
 
@@ -122,18 +127,16 @@ class ProbeCollector:
     """Sees the first sample's tiles and keeps, for every watched layer, each stratum's probes.
 
     `eye` (3,) float64 world position that surfaces are relative to. Memory: about 50 bytes for each pixel
-    kept, at most 108 times `probes` pixels a layer. Surfaces need POINT_ATTRIBUTES, and "instance" where a
-    layer has receivers.
+    kept, KEPT times `probes` a stratum at most. Surfaces need POINT_ATTRIBUTES, and "instance" where a layer
+    has receivers.
     """
 
     def __init__(self, watched: Iterable[Watched], eye, probes: int, seed: int, frame: int):
         self._watched = tuple(watched)
         self._eye = np.asarray(eye, np.float64)
         self._seed, self._frame = seed, frame
-        self._kept = {
-            layer.name: {kind: _Smallest(times * probes) for kind, times in KEPT.items()}
-            for layer in self._watched
-        }
+        self._probes = probes
+        self._kept: dict[str, dict[int, _Smallest]] = {layer.name: {} for layer in self._watched}
         self._held: dict[str, np.ndarray] = {}  # rows whose neighbours have not come yet, and theirs
         self._seen_rows = self._drawn_rows = 0
 
@@ -178,10 +181,11 @@ class ProbeCollector:
             self._offer(self._kept[layer.name], code, [priorities[layer.effect], pixels, values, *points])
 
     def _classify(self, block: dict, rows: slice) -> dict[str, np.ndarray]:
-        """Each layer's Difficulty (pixels,) uint8 at `rows` of the block: a few rows at a time, since what
-        stays in the cache is twice as fast."""
+        """Each layer's codes (pixels,) uint16 at `rows` of the block: a few rows at a time, since what stays
+        in the cache is twice as fast."""
         height, width = block["position"].shape[:2]
-        codes = {layer.name: np.empty((rows.stop - rows.start) * width, np.uint8) for layer in self._watched}
+        count = (rows.stop - rows.start) * width
+        codes = {layer.name: np.empty(count, np.uint16) for layer in self._watched}
         step = max(BAND_PIXELS // width, 1)
         for y0 in range(rows.start, rows.stop, step):
             y1 = min(y0 + step, rows.stop)
@@ -194,29 +198,35 @@ class ProbeCollector:
                 codes[layer.name][outer] = classify(ground, values, layer.emitter, self._eye)[inner]
         return codes
 
-    @staticmethod
-    def _offer(kept: dict[Difficulty, _Smallest], code: np.ndarray, columns: list[np.ndarray]) -> None:
-        counts = np.bincount(code, minlength=len(Difficulty))
-        bounds = np.zeros(len(Difficulty), np.uint32)
-        for kind, smallest in kept.items():
-            bounds[kind] = smallest.bound(int(counts[kind]))
-        # One pass over the priorities finds the candidates of all strata. Dark pixels have no sample.
+    def _offer(self, kept: dict[int, _Smallest], code: np.ndarray, columns: list[np.ndarray]) -> None:
+        counts = np.bincount(code, minlength=CODES)
+        bounds = np.zeros(CODES, np.uint32)
+        present = np.flatnonzero(counts[1:]) + 1  # 0 is dark
+        for each in present.tolist():
+            if each not in kept:
+                kept[each] = _Smallest(KEPT[_kind(each)] * self._probes)
+            bounds[each] = kept[each].bound(int(counts[each]))
+        # One pass over the priorities finds the candidates of all strata.
         chosen = np.flatnonzero((columns[0] <= bounds.take(code)) & (code != Difficulty.DARK))
-        for kind, smallest in kept.items():
-            index = chosen[code[chosen] == kind]
-            if not smallest.enough(len(index)):
-                index = np.flatnonzero(code == kind)
-            smallest.add(columns, index)
+        code_chosen = code.take(chosen)
+        for each in present.tolist():
+            index = chosen[code_chosen == each]
+            if not kept[each].enough(len(index)):
+                index = np.flatnonzero(code == each)
+            kept[each].add(columns, index)
 
-    def strata(self, name: str) -> dict[Difficulty, Stratum]:
-        """What was kept for a layer, once all tiles were seen; strata without pixels are left out."""
-        result = {}
-        for kind, smallest in self._kept[name].items():
-            if smallest.population:
-                order = np.argsort(smallest.columns[1])
-                priorities, pixels, values, *points = (column[order] for column in smallest.columns)
-                # A viewer shows what is not finite as black, so that is what it counts as.
-                values = np.nan_to_num(values.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
-                points = SurfacePoints(*points, self._eye)
-                result[kind] = Stratum(kind, smallest.population, pixels, priorities, values, points)
-        return result
+    def strata(self, name: str) -> tuple[Stratum, ...]:
+        """What was kept for a layer, once all tiles were seen; none for dark pixels."""
+        result = []
+        for code, smallest in sorted(self._kept[name].items()):
+            order = np.argsort(smallest.columns[1])
+            priorities, pixels, values, *points = (column[order] for column in smallest.columns)
+            # A viewer shows what is not finite as black, so that is what it counts as.
+            values = np.nan_to_num(values.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+            points = SurfacePoints(*points, self._eye)
+            result.append(Stratum(_kind(code), smallest.population, pixels, priorities, values, points))
+        return tuple(result)
+
+
+def _kind(code: int) -> Difficulty:
+    return Difficulty(code & ((1 << KIND_BITS) - 1))

@@ -14,7 +14,7 @@ import numpy as np
 from ..core.surface import SurfacePoints
 from .estimate import Group, Measured, binary_part, grouped_part
 from .interval import Part
-from .probes import Stratum
+from .probes import Stratum, take
 
 SCREENING_SAMPLES = 4
 """Rays of each half that sorts the penumbra's pixels into groups."""
@@ -23,8 +23,11 @@ EDGES = (0.2, 0.4, 1.0)
 """The groups' largest differences between layer and screening. Eight well-spread rays err by about 0.1, so
 that few correct pixels leave the first group, and no error of 0.6 stays in it."""
 
-Screen = Callable[[SurfacePoints, int], tuple[np.ndarray, np.ndarray]]
-"""screen(points, seed): (N, R) estimates of visibility by one ray each, 0 or 1, and the weights (N,)."""
+Weigh = Callable[[SurfacePoints], np.ndarray]
+"""weigh(points): the weights (N,), unshadowed irradiance at radiance 1."""
+
+Screen = Callable[[SurfacePoints, int], np.ndarray]
+"""screen(points, seed): (N, R) estimates of visibility by one ray each, 0 or 1."""
 
 Reference = Callable[[SurfacePoints, int, int], tuple[np.ndarray, np.ndarray]]
 """reference(points, samples, seed): (N, 2) independent estimates by `samples` rays each, and weights (N,)."""
@@ -45,16 +48,23 @@ class Estimate:
 
 
 class BinarySurvey:
-    """Pixels that the layer calls wholly lit or wholly dark: one group, those that some ray contradicts."""
+    """Pixels that the layer calls wholly lit or wholly dark: one group, those that some ray contradicts.
 
-    def __init__(self, stratum: Stratum, screen: Screen, seed: int):
-        self.stratum = stratum
-        estimates, weights = screen(stratum.points, seed)
-        self._estimates = np.asarray(estimates, np.float64)
-        self._weights = np.asarray(weights, np.float64)
-        contradicted = (np.abs(self._estimates - stratum.values[:, None]) > 0.5).any(axis=1)
-        self.groups = [_shuffled(np.flatnonzero(contradicted), stratum)]
-        self.wishes = [len(self.groups[0]) * stratum.population / max(len(stratum.values), 1)]
+    `looks`: how many pixels to screen. More than there are screens each several times. `weights` (N,) float64
+    of the stratum's pixels.
+    """
+
+    def __init__(self, stratum: Stratum, weights: np.ndarray, looks: int, screen: Screen, seed: int):
+        index = stratum.smallest(looks)
+        self._weight = stratum.population * float(weights.mean())
+        self.stratum, self._weights = stratum.at(index), weights[index]
+        count = len(self._weights)
+        repeats = max(looks // count, 1)
+        estimates = screen(take(self.stratum.points, np.repeat(np.arange(count), repeats)), seed)
+        self._estimates = np.asarray(estimates, np.float64).reshape(count, -1)
+        contradicted = (np.abs(self._estimates - self.stratum.values[:, None]) > 0.5).any(axis=1)
+        self.groups = [_shuffled(np.flatnonzero(contradicted), self.stratum)]
+        self.wishes = [len(self.groups[0]) / count * self._weight]
         self._agreed = np.flatnonzero(~contradicted)
 
     def estimate(self, measured: Sequence[Measured]) -> Estimate:
@@ -67,7 +77,7 @@ class BinarySurvey:
         others = max(population - sampling.sum(), 0.0) / max(len(self._agreed), 1)
         return Estimate(
             part,
-            population * float(self._weights.mean()),
+            self._weight,
             population / screened * float((self._weights * differences).sum()),
             np.concatenate([found.errors, np.zeros(len(self._agreed))]),
             np.concatenate([found.weights, self._weights[self._agreed]]),
@@ -78,15 +88,19 @@ class BinarySurvey:
 class PenumbraSurvey:
     """Pixels that the layer says are partly lit, grouped by how far a few rays are from it."""
 
-    def __init__(self, stratum: Stratum, reference: Reference, seed: int):
-        self.stratum = stratum
-        halves, weights = reference(stratum.points, SCREENING_SAMPLES, seed)
-        self._weights = np.asarray(weights, np.float64)
-        differences = np.abs(stratum.values - np.asarray(halves, np.float64).mean(axis=1))
+    def __init__(self, stratum: Stratum, weights: np.ndarray, looks: int, reference: Reference, seed: int):
+        index = stratum.smallest(looks)
+        self._weight = stratum.population * float(weights.mean())
+        self.stratum, self._weights = stratum.at(index), weights[index]
+        halves, _ = reference(self.stratum.points, SCREENING_SAMPLES, seed)
+        differences = np.abs(self.stratum.values - np.asarray(halves, np.float64).mean(axis=1))
         group = np.digitize(differences, EDGES[:-1])
-        self.groups = [_shuffled(np.flatnonzero(group == index), stratum) for index in range(len(EDGES))]
-        # Equal steps of what a probe more or less can change.
-        self.wishes = [len(members) * edge**2 for members, edge in zip(self.groups, EDGES, strict=True)]
+        self.groups = [_shuffled(np.flatnonzero(group == each), self.stratum) for each in range(len(EDGES))]
+        # So that a bad pixel that is missed costs the same in each.
+        self.wishes = [
+            len(members) / len(group) * self._weight * edge**2
+            for members, edge in zip(self.groups, EDGES, strict=True)
+        ]
 
     def estimate(self, measured: Sequence[Measured]) -> Estimate:
         population = self.stratum.population
@@ -97,7 +111,7 @@ class PenumbraSurvey:
         weights = np.concatenate([found.weights for found in measured])
         sampling = np.concatenate(sampling)
         bias = float((sampling * weights * errors).sum())
-        return Estimate(part, population * float(self._weights.mean()), bias, errors, weights, sampling)
+        return Estimate(part, self._weight, bias, errors, weights, sampling)
 
 
 def _shuffled(members: np.ndarray, stratum: Stratum) -> np.ndarray:
@@ -113,6 +127,8 @@ def allot(total: int, sizes: Sequence[int], wishes: Sequence[float]) -> list[int
     while open_groups.any() and given.sum() < total:
         wish = np.where(open_groups, wishes, 0.0)
         left = total - int(given[~open_groups].sum())
+        if wish.sum() <= 0.0:
+            break
         wanted = np.floor(left * wish / wish.sum()).astype(np.int64)
         full = open_groups & (wanted >= sizes)
         if not full.any():

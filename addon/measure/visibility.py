@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,13 +16,19 @@ from .estimate import Measured
 from .interval import joined, limits
 from .probes import KEPT, Stratum, take, together
 from .report import LayerError
-from .survey import BinarySurvey, PenumbraSurvey, Reference, Screen, allot
+from .survey import BinarySurvey, PenumbraSurvey, Reference, Screen, Weigh, allot
 
 SAMPLES = 128  # rays of each of the reference's two halves
+LOOKS = KEPT[Difficulty.REST]  # pixels screened by single rays for each probe
+PENUMBRA_LOOKS = KEPT[Difficulty.PENUMBRA]
+MOST_REPEATS = 16  # looks at one pixel, where few pixels get most of the light
+LOOKS_PER_PIXEL = 4  # on average, for small images
+LIKELY = {Difficulty.EDGE: 4.0, Difficulty.TERMINATOR: 4.0}
+"""Strata with more errors than others are looked at more."""
 
 
 def measure_visibility(
-    strata: dict[Difficulty, Stratum], probes: int, screen: Screen, reference: Reference, seed: int
+    strata: Sequence[Stratum], probes: int, weigh: Weigh, screen: Screen, reference: Reference, seed: int
 ) -> LayerError:
     """RMSE of a shadow layer weighted by the unshadowed irradiance, from ProbeCollector.strata.
 
@@ -29,13 +36,8 @@ def measure_visibility(
     the layer and across the penumbra.
     """
     started = time.perf_counter()
-    *screening_seeds, probing_seed = hash_bits(seed, np.arange(len(Difficulty))).tolist()
-    surveys: list[BinarySurvey | PenumbraSurvey] = []
-    for stratum, one_seed in zip(_affordable(strata, probes), screening_seeds, strict=False):
-        if stratum.difficulty == Difficulty.PENUMBRA:
-            surveys.append(PenumbraSurvey(stratum, reference, one_seed))
-        else:
-            surveys.append(BinarySurvey(stratum, screen, one_seed))
+    surveys = _screened(strata, probes, weigh, screen, reference, seed)
+    probing_seed = int(hash_bits(seed, len(strata)))
     found = _probed(surveys, probes, reference, probing_seed)
     estimates = [survey.estimate(each) for survey, each in zip(surveys, found, strict=True)]
 
@@ -61,14 +63,27 @@ def measure_visibility(
     )
 
 
-def _affordable(strata: dict[Difficulty, Stratum], probes: int) -> list[Stratum]:
-    """What edges and terminators leave of the screening goes to the rest."""
-    budget = KEPT[Difficulty.REST] * probes
-    used = sum(
-        len(strata[kind].values) for kind in (Difficulty.EDGE, Difficulty.TERMINATOR) if kind in strata
-    )
-    left = {Difficulty.REST: max(budget - used, 1)}
-    return [stratum.first(left.get(kind, len(stratum.values))) for kind, stratum in strata.items()]
+def _screened(strata, probes, weigh, screen, reference, seed) -> list[BinarySurvey | PenumbraSurvey]:
+    """Shares the screening out so that a bad pixel that is missed costs the same in every stratum, or less
+    where errors are likely."""
+    weights = [np.asarray(weigh(stratum.points), np.float64) for stratum in strata]
+    pairs = list(zip(strata, weights, strict=True))
+    wishes = [LIKELY.get(s.difficulty, 1.0) * s.population * float(w.mean()) for s, w in pairs]
+    looks = np.zeros(len(strata), np.int64)
+    in_penumbra = np.array([s.difficulty == Difficulty.PENUMBRA for s in strata], bool)
+    for chosen, budget, repeats in ((in_penumbra, PENUMBRA_LOOKS, 1), (~in_penumbra, LOOKS, MOST_REPEATS)):
+        index = np.flatnonzero(chosen)
+        sizes = [repeats * len(strata[i].values) for i in index]
+        total = min(budget * probes, LOOKS_PER_PIXEL * sum(len(strata[i].values) for i in index))
+        looks[index] = allot(total, sizes, [wishes[i] for i in index])
+    surveys: list[BinarySurvey | PenumbraSurvey] = []
+    for number, (stratum, weight) in enumerate(pairs):
+        one_seed, count = int(hash_bits(seed, number)), int(looks[number])
+        if stratum.difficulty == Difficulty.PENUMBRA:
+            surveys.append(PenumbraSurvey(stratum, weight, count, reference, one_seed))
+        else:
+            surveys.append(BinarySurvey(stratum, weight, count, screen, one_seed))
+    return surveys
 
 
 def _probed(
