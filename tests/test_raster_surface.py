@@ -162,11 +162,13 @@ def test_ten_thousand_kilometres_away_is_exact():
     triangles = random_triangles(rng, down(), "ordinary", 40)
     results = []
     for offset in (np.zeros(3), np.array([1e7, -1e7, 1e7])):
+        # A little away from the object, by what doubles hold out there and floats do not.
+        eye = tuple(offset + np.array([0.25, -0.125, 0.0625]))
         matrix = np.eye(4)
         matrix[:3, 3] = offset
         geometry = kernels.Geometry()
         add_triangles(geometry, triangles, matrix)
-        view = down(eye=tuple(offset))
+        view = down(eye=eye)
         layers = kernels.layered_depth(geometry, everything(geometry), view.packed(), 4, 60, 60)
         results.append({**surface(geometry, view, 60, 60), "layers": layers})
     assert (results[0]["triangle"] >= 0).mean() > 0.2
@@ -181,11 +183,14 @@ def test_bad_triangles_draw_nothing():
         geometry, [[[nan, 0, -1], [1, 0, -1], [0, 1, -1]], [[0, 0, -1], [np.inf, 0, -1], [0, 1, -1]]]
     )
     add_triangles(geometry, [[[0, 0, -1]] * 3, [[-9, -3, -1], [0, 0, -1], [9, 3, -1]]])
-    soup = np.random.default_rng(1).normal(size=(50, 3, 3)) - [0, 0, 3]
-    for linear in (np.outer([1.0, 0.3, -0.2], [1.0, 2.0, 3.0]), np.zeros((3, 3)), np.eye(3) * 1e200):
+    # Rank one, through a pixel's centre, so that a sliver left by rounding would show; rank zero; overflow.
+    rng = np.random.default_rng(1)
+    soup = rng.normal(size=(500, 3, 3))
+    lines = [np.outer(rng.normal(size=3), rng.normal(size=3)) for _ in range(8)]
+    for linear in (*lines, np.zeros((3, 3)), np.eye(3) * 1e200):
         matrix = np.eye(4)
         matrix[:3, :3] = linear
-        matrix[:3, 3] = (0.0, 0.0, -2.0)
+        matrix[:3, 3] = (1 / 32, 1 / 32, -2.0)
         add_triangles(geometry, soup, matrix)
     add_triangles(
         geometry, [[[-big, -big, -big], [big, -big, -big], [0, big, big]]], np.diag([1e300, 1, 1, 1])

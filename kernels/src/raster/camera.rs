@@ -94,10 +94,6 @@ impl Transform {
             dot(self.cofactors[2], n),
         ]
     }
-
-    pub fn is_mirrored(&self) -> bool {
-        dot(self.linear[0], self.cofactors[0]) < 0.0
-    }
 }
 
 /// A ray through a pixel's centre, relative to the eye, in world axes; `direction` has length 1 along

@@ -35,8 +35,6 @@ impl<'a> Finder<'a> {
         let triangle = (id - self.first_ids[instance_index]) as usize;
         let local = mesh.triangle_positions(triangle);
         let corners = local.map(|p| to_eye.point(p));
-        // A mirroring matrix turns the winding round, but not the side that is outside.
-        let outside = if to_eye.is_mirrored() { -1.0 } else { 1.0 };
         Hit {
             instance_index,
             instance,
@@ -45,8 +43,7 @@ impl<'a> Finder<'a> {
             to_eye,
             corners,
             sides: [sub(corners[1], corners[0]), sub(corners[2], corners[0])],
-            outside,
-            outward: normalised(scale(to_eye.normal(winding_normal(local)), outside)),
+            normal: normalised(to_eye.normal(winding_normal(local))),
         }
     }
 
@@ -78,10 +75,8 @@ pub struct Hit<'a> {
     to_eye: &'a Transform,
     corners: [Vec3; 3],
     sides: [Vec3; 2],
-    /// -1 where the matrix mirrors.
-    outside: f64,
-    /// Unit normal on the object's outside; None where the triangle has no area.
-    outward: Option<Vec3>,
+    /// Unit normal by the winding; None where the triangle has no area.
+    normal: Option<Vec3>,
 }
 
 fn normalised(v: Vec3) -> Option<Vec3> {
@@ -167,23 +162,24 @@ impl Hit<'_> {
     /// Unit normals, geometric and shading, in world axes. The geometric one faces the viewer, and the
     /// shading one is turned with it.
     pub fn normals(&self, ray: &Ray, weights: Vec3) -> [Vec3; 2] {
-        let outward = self
-            .outward
+        let winding = self
+            .normal
             .or_else(|| normalised(scale(ray.direction, -1.0)))
             .unwrap_or([0.0, 0.0, 1.0]);
-        let turn = if dot(outward, ray.direction) > 0.0 {
+        // A mirroring matrix turns winding and corner normals alike, so one turn is right for both.
+        let turn = if dot(winding, ray.direction) > 0.0 {
             -1.0
         } else {
             1.0
         };
-        let geometric = scale(outward, turn);
+        let geometric = scale(winding, turn);
         if self.mesh.corner_normals.is_empty() {
             return [geometric, geometric];
         }
         let corners = self.mesh.triangles[self.triangle].map(|c| self.mesh.corner_normals[c as usize]);
         let local: Vec3 =
             std::array::from_fn(|k| (0..3).map(|i| f64::from(corners[i][k]) * weights[i]).sum::<f64>());
-        let shading = normalised(scale(self.to_eye.normal(local), self.outside * turn)).unwrap_or(geometric);
+        let shading = normalised(scale(self.to_eye.normal(local), turn)).unwrap_or(geometric);
         [geometric, shading]
     }
 }
