@@ -185,8 +185,6 @@ class BakeJob:
             compile_seconds=self.devices.primary.compile_seconds,
             steps=steps,
             images=execution.images,
-            spread=execution.spread,
-            samples=self.options.samples,
             costs=costs,
             errors=errors,
             warnings=[*self._warnings, *execution.warnings],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import bpy
@@ -17,6 +18,7 @@ from ..addon.ui.state import STATE, PlanRow
 from .arguments import Placeholder
 from .job import Runner, run_to_end
 from .planning import nothing_to_bake, read_plan
+from .terminal import time_left
 
 TIMER_SECONDS = 0.05
 SLICE_SECONDS = 0.04  # of the main thread's time between two events, where a GPU bakes
@@ -61,6 +63,7 @@ class STRATA_OT_bake(bpy.types.Operator):
         except StrataError as error:
             return self._failed(error)
         STATE.is_baking = True
+        self._started = time.monotonic()
         manager = context.window_manager
         self._timer = manager.event_timer_add(TIMER_SECONDS, window=context.window)
         manager.modal_handler_add(self)
@@ -129,8 +132,10 @@ class STRATA_OT_bake(bpy.types.Operator):
 
     def _show(self, context) -> None:
         job = self._runner.job
-        STATE.share, STATE.stage = job.progress, job.stage
-        context.workspace.status_text_set(f"Strata: {job.stage}, {100 * job.progress:.0f}%   Esc: Cancel")
+        left = time_left(job.progress, time.monotonic() - self._started)
+        STATE.share = job.progress
+        STATE.doing = f"{job.stage} {100 * job.progress:.0f}%{left and ', ' + left}"
+        context.workspace.status_text_set(f"Strata: {STATE.doing}   Esc: Cancel")
         _redraw(context)
 
     def _end(self, context) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -35,3 +37,11 @@ def backend(request) -> str:
                 pytest.fail(f"a GPU was expected: {reason}")
             pytest.skip(f"no GPU: {reason}")
     return request.param
+
+
+@pytest.fixture(scope="session")
+def archive() -> Path:
+    """The extension's zip, built now."""
+    subprocess.run([sys.executable, ROOT / "scripts" / "build_extension.py"], check=True)
+    (found,) = (ROOT / "dist").glob("strata-*-linux_x64.zip")
+    return found

@@ -22,13 +22,6 @@ BLENDER_PACKAGES = ("bpy", "numpy", "cattrs", "attrs", "requests", "zstandard", 
 
 
 @pytest.fixture(scope="session")
-def archive() -> Path:
-    subprocess.run([sys.executable, ROOT / "scripts" / "build_extension.py"], check=True)
-    (found,) = (ROOT / "dist").glob("strata-*-linux_x64.zip")
-    return found
-
-
-@pytest.fixture(scope="session")
 def bare_python(tmp_path_factory) -> Path:
     """A Python with the pip-installed Blender and without the kernels and Strata."""
     from importlib.metadata import distribution

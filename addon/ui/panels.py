@@ -28,9 +28,7 @@ class STRATA_PT_bake(_Sidebar, bpy.types.Panel):
         for name in ("backend", "samples", "probes", "output", "make_images"):
             column.prop(settings, name)
         if STATE.is_baking:
-            layout.progress(
-                factor=STATE.share, text=f"{STATE.stage}   {100 * STATE.share:.0f}%   Esc cancels"
-            )
+            layout.progress(factor=STATE.share, text=f"{STATE.doing}   Esc cancels")
             return
         if context.scene.camera is None:
             layout.label(text="The scene has no camera", icon="ERROR")

@@ -22,7 +22,7 @@ class State:
 
     is_baking: bool = False
     share: float = 0.0
-    stage: str = ""
+    doing: str = ""
     plan: tuple[PlanRow, ...] = ()
     plan_of: int | None = None
     report: dict[str, Any] = field(default_factory=dict)
