@@ -1,0 +1,87 @@
+"""Measures Strata against rays, Embree and Cycles and rewrites the figures in docs/performance.md.
+
+python scripts/bench.py              everything (about ten minutes on two cores)
+python scripts/bench.py race passes  these sections only
+python scripts/bench.py --quick      tiny settings, printed and not written: whether it still runs
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+from benchmark import goals, idle, machine, passes, race, scenes
+from benchmark.document import ROOT, milliseconds, significant, write_block
+from benchmark.methods import Effect, Rays, surface_of
+
+DOCUMENT = ROOT / "docs" / "performance.md"
+
+
+def run_race(folder: Path, quick: bool) -> str:
+    """Error against time."""
+    return race.tables(race.run(scenes.open_bench(folder), race.QUICK if quick else race.Scale()))
+
+
+def run_passes(folder: Path, quick: bool) -> str:
+    """Bytes and operations."""
+    case = scenes.read(scenes.open_bench(folder), race.QUICK.size if quick else None)
+    surface, _ = surface_of(case)
+    rays = Rays(case, surface, 16)
+    runs = {"effect": Effect(case, {}), "rays": rays}
+    seconds = machine.interleaved(runs, 1 if quick else 5)
+    weight = rays.weight
+    traced = 16 * int((weight > 0.0).sum())
+    taken = seconds["rays"]["rays"]
+    remark = (
+        "Rays are not counted, since what they read depends on the tree. For comparison: 16 from each "
+        f"lit pixel are {traced / 1e6:.1f} million in {milliseconds(taken)} ms, "
+        f"{significant(traced / taken / 1e6)} million a second."
+    )
+    counted = passes.works(case, surface, weight)
+    return passes.tables(case, seconds["effect"], counted, machine.measure_limits(), remark)
+
+
+def run_goals(folder: Path, quick: bool) -> str:
+    """Layered depth, large meshes, GPU, memory."""
+    repeats = 1 if quick else 3
+    scene = scenes.open_bench(folder)
+    found = [goals.layered_depth(scenes.read(scene), repeats), *goals.large_meshes(scene, repeats)]
+    found.append(goals.gpu_and_cpu(scenes.open_sample("courtyard"), repeats))
+    found.append(goals.memory(size=(480, 270) if quick else (3840, 2160)))
+    return goals.tables(found)
+
+
+def run_idle(folder: Path, quick: bool) -> str:
+    """With and without useless objects."""
+    return idle.tables(idle.run(size=(240, 135) if quick else None, repeats=1 if quick else 5))
+
+
+SECTIONS = {"race": run_race, "passes": run_passes, "goals": run_goals, "idle": run_idle}
+
+
+def main() -> None:
+    """Reads the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "sections", nargs="*", metavar="section", help=f"of {', '.join(SECTIONS)}; all if none"
+    )
+    parser.add_argument("--quick", action="store_true", help="tiny settings, nothing written")
+    arguments = parser.parse_args()
+    sections = arguments.sections or SECTIONS
+    if unknown := set(sections) - set(SECTIONS):
+        parser.error(f"no such section: {', '.join(sorted(unknown))}")
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("machine", *sections):
+            text = (
+                SECTIONS[name](Path(folder), arguments.quick) if name in SECTIONS else machine.description()
+            )
+            print(f"\n## {name}\n\n{text}", flush=True)
+            if not arguments.quick:
+                write_block(DOCUMENT, name, text)
+
+
+if __name__ == "__main__":
+    main()

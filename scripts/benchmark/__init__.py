@@ -1,0 +1,1 @@
+"""What the benchmark, the accuracy figures and the tests against Cycles have in common."""

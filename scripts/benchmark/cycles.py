@@ -1,0 +1,179 @@
+"""Cycles as a judge and as a rival: one light's shadow as the ratio of a lit to an unshadowed render.
+
+Both renders use the same seed and so the same light samples: their ratio is Cycles' own estimate of
+V = sum of visible * w / sum of w, and the pass that is divided (diffuse direct, without albedo) holds nothing
+but that light. Divided by pi it is irradiance; Cycles lets no light bounce.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+import OpenEXR
+
+POINT_FILTER_WIDTH = 0.01  # pixels; the least that Cycles takes, so that all samples see one surface point
+
+
+@dataclass(frozen=True)
+class Render:
+    """`image` (height, width, 3) float32, row 0 at the bottom; `seconds` of the whole render call, from the
+    scene's synchronisation and BVH to the written file."""
+
+    image: np.ndarray
+    seconds: float
+
+
+@contextmanager
+def _kept(*settings) -> Iterator[None]:
+    """Sets attributes, (owner, name, value) each, and puts the old values back."""
+    before = [(owner, name, getattr(owner, name)) for owner, name, _ in settings]
+    try:
+        for owner, name, value in settings:
+            setattr(owner, name, value)
+        yield
+    finally:
+        for owner, name, value in before:  # in the same order: a colour depth belongs to its file format
+            setattr(owner, name, value)
+
+
+def lamps(scene) -> list:
+    """The scene's light objects that a render sees."""
+    return [item for item in scene.objects if item.type == "LIGHT" and not item.hide_render]
+
+
+def _emission_off() -> list:
+    """Settings that keep surfaces from shining."""
+    off = []
+    for material in bpy.data.materials:
+        nodes = material.node_tree.nodes if material.node_tree else ()
+        for node in nodes:
+            name = {"BSDF_PRINCIPLED": "Emission Strength", "EMISSION": "Strength"}.get(node.type)
+            if name and not node.inputs[name].is_linked:
+                off.append((node.inputs[name], "default_value", 0.0))
+    return off
+
+
+def _settings(scene, view_layer, lamp, samples, seed, size, filter_width, threads, path) -> list:
+    cycles, render, image = scene.cycles, scene.render, scene.render.image_settings
+    settings = [(item, "hide_render", item != lamp) for item in lamps(scene)]
+    settings += [(lamp, "visible_camera", False), (scene, "world", None)]
+    settings += _emission_off()
+    # Visibility is by the geometry: rays start where the surface is.
+    settings += [
+        (item, f"shadow_terminator_{what}_offset", 0.0)
+        for item in bpy.data.objects
+        for what in ("geometry", "shading")
+    ]
+    settings += [(view_layer, "use_pass_diffuse_direct", True), (view_layer, "use_pass_combined", True)]
+    settings += [
+        (render, name, value)
+        for name, value in (
+            ("engine", "CYCLES"),
+            ("resolution_x", size[0]),
+            ("resolution_y", size[1]),
+            ("resolution_percentage", 100),
+            ("use_border", False),
+            ("use_motion_blur", False),
+            ("use_compositing", False),
+            ("use_sequencer", False),
+            ("use_persistent_data", False),
+            ("threads_mode", "FIXED"),
+            ("threads", threads),
+            ("filepath", str(path)),
+            ("use_file_extension", False),
+        )
+    ]
+    settings += [
+        (cycles, name, value)
+        for name, value in (
+            ("device", "CPU"),
+            ("samples", samples),
+            ("seed", seed),
+            ("use_animated_seed", False),
+            ("use_adaptive_sampling", False),
+            ("use_denoising", False),
+            ("use_light_tree", False),
+            ("light_sampling_threshold", 0.0),
+            ("sample_clamp_direct", 0.0),
+            ("max_bounces", 0),
+            ("min_light_bounces", 0),
+            ("transparent_max_bounces", 64),
+            ("use_fast_gi", False),
+        )
+    ]
+    if filter_width is not None:
+        # Cycles' box filter is a pixel wide whatever its width says; the others obey.
+        settings += [(cycles, "pixel_filter_type", "GAUSSIAN"), (cycles, "filter_width", filter_width)]
+    settings += [
+        (image, name, value)
+        for name, value in (
+            ("media_type", "MULTI_LAYER_IMAGE"),
+            ("file_format", "OPEN_EXR_MULTILAYER"),
+            ("color_depth", "32"),
+            ("exr_codec", "NONE"),
+        )
+    ]
+    return settings
+
+
+def render(
+    scene,
+    lamp,
+    samples: int,
+    *,
+    shadow: bool = True,
+    seed: int = 0,
+    size: tuple[int, int],
+    filter_width: float | None = POINT_FILTER_WIDTH,
+    threads: int = 2,
+) -> Render:
+    """Diffuse light that comes straight from `lamp`, alone in the scene; with `shadow` off nothing blocks it.
+    `filter_width` in pixels, None for the scene's own filter. Leaves the scene as it was."""
+    view_layer = scene.view_layers[0]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "render.exr"
+        settings = _settings(scene, view_layer, lamp, samples, seed, size, filter_width, threads, path)
+        with _kept(*settings, (lamp.data, "use_shadow", shadow)):
+            started = time.perf_counter()
+            bpy.ops.render.render(write_still=True, scene=scene.name)
+            seconds = time.perf_counter() - started
+        return Render(_read(path, view_layer.name), seconds)
+
+
+def _read(path: Path, view_layer: str) -> np.ndarray:
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        for part in file.parts:
+            channels = part.channels
+            names = [f"{view_layer}.Diffuse Direct.{letter}" for letter in "RGB"]
+            names = names if names[0] in channels else [f"{view_layer}.DiffDir.{letter}" for letter in "RGB"]
+            if names[0] in channels:
+                planes = [channels[name].pixels for name in names]
+                return np.ascontiguousarray(np.stack(planes, axis=2)[::-1], np.float32)
+    raise RuntimeError("Cycles wrote no diffuse direct pass")
+
+
+@dataclass(frozen=True)
+class Shadow:
+    """`visibility` (height, width) float64, NaN where the light does not reach; `weight` what it brings
+    unshadowed, in arbitrary units; `seconds` of the shadowed render only."""
+
+    visibility: np.ndarray
+    weight: np.ndarray
+    seconds: float
+
+
+def shadow(scene, lamp, samples: int, **settings) -> Shadow:
+    """Lit over unlit; `settings` as `render` takes them."""
+    lit = render(scene, lamp, samples, shadow=True, **settings)
+    bare = render(scene, lamp, samples, shadow=False, **settings)
+    weight = bare.image.sum(axis=2, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        visibility = np.where(weight > 0.0, lit.image.sum(axis=2, dtype=np.float64) / weight, np.nan)
+    return Shadow(visibility, weight, lit.seconds)

@@ -1,0 +1,78 @@
+"""Scenes to measure, opened as F12 sees them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+from strata.addon.core.arrays import Arrays
+from strata.addon.core.graph import Graph
+from strata.addon.core.outline import Light, Outline
+from strata.addon.core.recorder import plan
+from strata.addon.devices.cpu import CpuDevice
+from strata.addon.effects.registry import effect_named
+from strata.addon.scene.extract import extract
+from strata.addon.scene.render_depsgraph import with_render_depsgraph
+from strata.addon.scene.scan import ScanOptions, scan
+
+from .document import ROOT
+
+SAMPLES = ROOT / "sample_blends"
+SOFT_SHADOW = effect_named("soft_shadow")
+
+
+def open_sample(name: str) -> bpy.types.Scene:
+    """One of the sample scenes."""
+    bpy.ops.wm.open_mainfile(filepath=str(SAMPLES / f"{name}.blend"))
+    return bpy.context.scene
+
+
+def open_bench(folder: Path) -> bpy.types.Scene:
+    """The benchmark scene, built anew into `folder`: 276,482 triangles under one square light."""
+    path = folder / "bench.blend"
+    build = "import sys, _scenes; _scenes.bench_scene(sys.argv[1])"
+    subprocess.run(
+        [sys.executable, "-c", build, str(path)], cwd=SAMPLES, check=True, stdout=subprocess.DEVNULL
+    )
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    return bpy.context.scene
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A scene read and ready to bake on the CPU. `graph` is the plan of soft shadows at default settings,
+    `arrays` what it reads."""
+
+    outline: Outline
+    arrays: Arrays
+    graph: Graph
+    device: CpuDevice
+
+    @property
+    def eye(self) -> np.ndarray:
+        return np.array(self.outline.view.eye)
+
+    def light(self, name: str) -> Light:
+        return next(light for light in self.outline.lights if light.name == name)
+
+    def planned(self, values: dict) -> Graph:
+        """The plan with other settings."""
+        return plan(self.outline, {SOFT_SHADOW: SOFT_SHADOW.params.checked("soft_shadow", values)})
+
+
+def read(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Case:
+    """Scans, plans and extracts."""
+
+    def look(depsgraph) -> Case:
+        found = scan(depsgraph, ScanOptions(size=size, camera=None))
+        graph = plan(found.outline, {SOFT_SHADOW: SOFT_SHADOW.params()})
+        arrays = extract(found, graph.wants, graph.instances)
+        device = CpuDevice()
+        device.set_scene(found.outline, arrays)
+        return Case(found.outline, arrays, graph, device)
+
+    return with_render_depsgraph(scene, scene.view_layers[0], look)
