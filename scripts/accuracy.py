@@ -1,0 +1,135 @@
+"""Measures how right Strata is and rewrites the figures in docs/accuracy.md.
+
+python scripts/accuracy.py              everything (about half an hour on two cores: Cycles, converged)
+python scripts/accuracy.py plates       these sections only, printed and not written
+python scripts/accuracy.py --quick      tiny settings, printed and not written: whether it still runs
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable
+
+from benchmark.document import ROOT, rmse, table, write_block
+from benchmark.scenes import open_sample
+
+sys.path.append(str(ROOT / "tests"))  # the closed forms live with the tests
+
+from benchmark import against_cycles, fringe, plates, units
+
+DOCUMENT = ROOT / "docs" / "accuracy.md"
+METHODS = ("bitmask", "hybrid", "area")
+
+
+def courtyard(quick: bool) -> str:
+    """Every light of the courtyard at default settings against Cycles."""
+    samples, size = (16, (160, 90)) if quick else (256, (480, 270))
+    rows = []
+    for found in against_cycles.compare_all(open_sample("courtyard"), samples, size):
+        interval = f"{rmse(found.ci95[0])} to {rmse(found.ci95[1])}"
+        tail = [f"{found.bias:+.4f}", f"{found.p99:.3f}", f"{found.largest:.2f}"]
+        agrees = "yes" if found.agrees else "no"
+        rows.append(
+            [
+                found.light,
+                rmse(found.rmse),
+                rmse(found.cycles_noise),
+                *tail,
+                rmse(found.value),
+                interval,
+                agrees,
+            ]
+        )
+    header = ["light", "RMSE", "Cycles' noise", "bias", "p99", "max", "reported", "95% interval", "agrees"]
+    return "\n\n".join(
+        [
+            "### Courtyard against Cycles",
+            f"Default settings, {size[0]}x{size[1]}, at pixel centres. Cycles: 2 x {samples} samples, each "
+            "light alone, lit over unlit, its noise taken off. RMSE and bias are weighted by the unshadowed "
+            "light. Reported is what the bake says of itself, by rays at its probes.",
+            table(header, rows),
+        ]
+    )
+
+
+def closed_forms(quick: bool) -> str:
+    """Plates over a ground."""
+    size = (160, 90) if quick else plates.SIZE
+    rows = []
+    for method in METHODS:
+        for found in plates.measure(method, size):
+            figures = [rmse(found.rmse), f"{found.bias:+.4f}", f"{found.p99:.3f}", f"{found.largest:.3f}"]
+            rows.append([method, found.light, found.plates, *figures])
+    return "\n\n".join(
+        [
+            "### Plates against closed forms",
+            f"The ground under one plate and under two that overlap, default settings but the method, "
+            f"{size[0]}x{size[1]}.",
+            table(["method", "light", "plates", "RMSE", "bias", "p99", "max"], rows),
+        ]
+    )
+
+
+def fringes(quick: bool) -> str:
+    """Layer times unshadowed render against the shadowed render."""
+    size, samples, cycles_samples = ((160, 90), (1, 8), 16) if quick else ((480, 270), (1, 4, 8, 16, 32), 256)
+    rows = []
+    for scene, light in (("stacked", "Panel"), ("courtyard", "Sun")):
+        for found in fringe.measure(open_sample(scene), light, size, samples, cycles_samples):
+            figures = [rmse(found.silhouettes), rmse(found.elsewhere), rmse(found.noise)]
+            rows.append([scene, light, found.samples, *figures])
+    header = ["scene", "light", "samples a pixel", "silhouettes", "elsewhere", "Cycles' noise at silhouettes"]
+    return "\n\n".join(
+        [
+            "### Fringes",
+            "A layer times Cycles' unshadowed image against Cycles' shadowed one, the scene's pixel filter "
+            "on both: RMS difference over the mean of the unshadowed image, at pixels whose neighbours show "
+            "another object and elsewhere.",
+            table(header, rows),
+        ]
+    )
+
+
+def radiance(quick: bool) -> str:
+    """Brightness of lamps."""
+    rows = [
+        [found.lamp, f"{found.ratio:.4f}", f"{found.deviation:.4f}"]
+        for found in units.measure(16 if quick else 1024)
+    ]
+    return "\n\n".join(
+        [
+            "### Radiance units",
+            "Cycles' unshadowed diffuse radiance of a white ground over Strata's: ratio of the images' sums, "
+            "and RMS deviation of their pixels from that ratio.",
+            table(["lamp", "Cycles over Strata", "deviation"], rows),
+        ]
+    )
+
+
+SECTIONS = {"courtyard": courtyard, "plates": closed_forms, "fringes": fringes, "radiance": radiance}
+
+
+def main() -> None:
+    """Reads the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "sections", nargs="*", metavar="section", help=f"of {', '.join(SECTIONS)}; all if none"
+    )
+    parser.add_argument("--quick", action="store_true", help="tiny settings, nothing written")
+    arguments = parser.parse_args()
+    sections: Iterable[str] = arguments.sections or SECTIONS
+    if unknown := set(sections) - set(SECTIONS):
+        parser.error(f"no such section: {', '.join(sorted(unknown))}")
+    texts = []
+    for name in sections:
+        texts.append(SECTIONS[name](arguments.quick))
+        print(f"\n{texts[-1]}", flush=True)
+    if not arguments.quick and not arguments.sections:
+        write_block(DOCUMENT, "figures", "\n\n".join(texts))
+
+
+if __name__ == "__main__":
+    main()
