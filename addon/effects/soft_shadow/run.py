@@ -84,7 +84,6 @@ def _record_light(recorder, outline, params, index, casters, seen, region, boxes
     maps = [
         _map(recorder, outline, params, view, casters, f"{light.name} {name}".strip()) for name, view in views
     ]
-    backprojection = Method.BITMASK if params.method == Method.HYBRID else params.method
     eye = outline.view.eye
     shadow = recorder.step(
         steps.BACKPROJECT,
@@ -93,7 +92,7 @@ def _record_light(recorder, outline, params, index, casters, seen, region, boxes
         instance=light.name,
         eye=eye,
         emitter=light.emitter,
-        method=backprojection.value,
+        method=params.method.value,
         max_samples=params.max_samples,
         refinements=params.refinements,
     )

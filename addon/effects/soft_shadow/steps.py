@@ -16,6 +16,8 @@ def _prepare(device, depth, view, gradient_scale, gradient_cap_m):
 
 def _backproject(device, surface, *maps, eye, emitter, method, max_samples, refinements):
     name = "soft_shadow_area" if method == Method.AREA.value else "soft_shadow_bitmask"
+    # Rays will replace what the map is unsure of.
+    more = {"leave_uncertain": True} if method == Method.HYBRID.value else {}
     visibility, uncertain = getattr(device.kernels, name)(
         surface["position"],
         surface["geometric_normal"],
@@ -25,6 +27,7 @@ def _backproject(device, surface, *maps, eye, emitter, method, max_samples, refi
         list(maps),
         max_samples,
         refinements,
+        **more,
         cancel=device.cancel_flag,
     )
     return {"visibility": visibility, "uncertain": uncertain}

@@ -9,8 +9,7 @@ use super::region::Region;
 pub fn visibility(map: &PreparedMap, seen: &Seen, region: &Region) -> f32 {
     let level = &map.levels[region.level];
     let [texel_x, texel_y] = map.texel_size(region.level);
-    let u = ((seen.window_x - map.view.window[0]) / texel_x) as f32;
-    let v = ((seen.window_y - map.view.window[2]) / texel_y) as f32;
+    let [u, v] = map.place(seen, region.level);
     let [left, right, bottom, top] = seen.bounds;
     let share_x = texel_x as f32 / (right - left);
     let share_y = texel_y as f32 / (top - bottom);
@@ -21,7 +20,7 @@ pub fn visibility(map: &PreparedMap, seen: &Seen, region: &Region) -> f32 {
             for layer in (0..map.layers - 1).rev() {
                 let texel = level.index(layer, row as usize, column as usize);
                 let rise = level.rise[texel];
-                let next = level.rise[texel + level.height * level.stride];
+                let next = level.rise[texel + level.layer_stride()];
                 let above = rise - seen.rise;
                 let gradient = map.gradient_bias(rise, unpack_tilt(level.tilt[texel]));
                 if above <= gradient.max(rise - midpoint(map.view.orthographic, rise, next)) {

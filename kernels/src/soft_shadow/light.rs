@@ -39,18 +39,18 @@ const SMALLEST_HALF_SIZE: f32 = 1e-4;
 /// A light in the axes of one view: what does not change from point to point.
 #[derive(Clone, Debug)]
 pub struct Light {
-    kind: EmitterKind,
+    pub kind: EmitterKind,
     orthographic: bool,
     /// World to view: rows right, up, forward; then where the points' origin lies in the view.
     axes: [[f64; 3]; 3],
     origin: [f64; 3],
     half_size: [f32; 2],
-    tan_half_spread: f32,
-    cos_cone: f32,
-    /// 1 / (width of the cone's soft edge in cosines), infinite for a hard one.
-    cone_sharpness: f32,
+    pub tan_half_spread: f32,
+    pub cos_cone: f32,
+    /// 1 / (width of the cone's soft edge in cosines), vast for a hard one.
+    pub cone_sharpness: f32,
     /// Where the cone points, in view axes.
-    cone_axis: [f32; 3],
+    pub cone_axis: [f32; 3],
 }
 
 /// The light as one shading point sees it, in view axes.
@@ -67,7 +67,7 @@ pub struct Seen {
     pub geometric_normal: [f32; 3],
     pub shading_normal: [f32; 3],
     /// SPHERE and FACING_DISK: smallest squared cosine between a sample and the centre.
-    cos2_rim: f32,
+    pub cos2_rim: f32,
     /// The point is so close that `bounds` had to be cut.
     pub too_close: bool,
 }
@@ -93,7 +93,7 @@ impl Light {
             half_size: [emitter.half_width as f32, emitter.half_height as f32],
             tan_half_spread: emitter.tan_half_spread as f32,
             cos_cone: emitter.cos_cone as f32,
-            cone_sharpness: (1.0 / ((1.0 - emitter.cos_cone) * emitter.blend)) as f32,
+            cone_sharpness: (1.0 / ((1.0 - emitter.cos_cone) * emitter.blend)).min(1e30) as f32,
             cone_axis: axes.map(|axis| dot64(axis, emitter.forward) as f32),
         }
     }

@@ -1,12 +1,15 @@
 //! Layered soft shadow maps: thesis chapter 5, with the bitmask of Schwarz and Stamminger (2007).
 
 mod area;
+mod doubt;
 mod evaluate;
 mod fast;
 mod light;
 mod plain;
 mod prepare;
 mod region;
+mod simd;
+mod tile;
 
 use crate::cancel::CancelFlag;
 use crate::emitter::Emitter;
@@ -97,6 +100,7 @@ fn run<'py>(
         position: position.as_slice()?.as_chunks::<3>().0,
         geometric_normal: geometric_normal.as_slice()?.as_chunks::<3>().0,
         shading_normal: shading_normal.as_slice()?.as_chunks::<3>().0,
+        width: if shape.len() == 3 { shape[1] } else { usize::MAX },
     };
     let maps: Vec<Arc<PreparedMap>> = maps.iter().map(|handle| handle.map.clone()).collect();
     let cancel = cancel.map(|flag| flag.clone()).unwrap_or_default();
@@ -122,10 +126,11 @@ fn run<'py>(
 /// `soft_shadow_prepare`, smallest window first, none where nothing casts shadow. Occluders are read from a map
 /// so coarse that about `max_samples` of its texels cover the light; `refinements` times the search region
 /// shrinks to the nearest depth inside. Returns (visibility f32, uncertain u8), shaped like the points.
-/// Points that are not finite get 1. `plain` runs the slow model of the method, for tests.
+/// Points that are not finite get 1. With
+/// `leave_uncertain`, uncertain points get 1 without a look, for rays to replace. `plain` runs the slow model of the method, for tests.
 #[pyfunction]
 #[pyo3(signature = (position, geometric_normal, shading_normal, eye, emitter, maps, max_samples=512, refinements=2,
-    cancel=None, plain=false))]
+    leave_uncertain=false, cancel=None, plain=false))]
 fn soft_shadow_bitmask<'py>(
     py: Python<'py>,
     position: PyReadonlyArrayDyn<'py, f32>,
@@ -136,6 +141,7 @@ fn soft_shadow_bitmask<'py>(
     maps: Vec<PyRef<'py, PreparedShadowMap>>,
     max_samples: usize,
     refinements: usize,
+    leave_uncertain: bool,
     cancel: Option<PyRef<'_, CancelFlag>>,
     plain: bool,
 ) -> PyResult<Shares<'py>> {
@@ -147,6 +153,7 @@ fn soft_shadow_bitmask<'py>(
         },
         max_samples,
         refinements,
+        leave_uncertain,
     };
     let surface = [&position, &geometric_normal, &shading_normal];
     run(py, surface, &eye, &emitter, maps, settings, cancel)
@@ -174,6 +181,7 @@ fn soft_shadow_area<'py>(
         method: Method::Area,
         max_samples,
         refinements,
+        leave_uncertain: false,
     };
     let surface = [&position, &geometric_normal, &shading_normal];
     run(py, surface, &eye, &emitter, maps, settings, cancel)

@@ -35,8 +35,7 @@ pub fn horizon(seen: &Seen) -> Bits {
 pub fn backproject(map: &PreparedMap, seen: &Seen, region: &Region, hidden: &mut Bits) {
     let level = &map.levels[region.level];
     let [texel_x, texel_y] = map.texel_size(region.level);
-    let u = ((seen.window_x - map.view.window[0]) / texel_x) as f32;
-    let v = ((seen.window_y - map.view.window[2]) / texel_y) as f32;
+    let [u, v] = map.place(seen, region.level);
     let (texel_x, texel_y) = (texel_x as f32, texel_y as f32);
     let [left, right, bottom, top] = seen.bounds;
     let samples_x = SAMPLES as f32 / (right - left);
@@ -55,12 +54,20 @@ pub fn backproject(map: &PreparedMap, seen: &Seen, region: &Region, hidden: &mut
                     continue;
                 }
                 let (du, dv) = (column as f32 - u, row as f32 - v);
+                // Rays from the light to the point pass it by.
+                if du * texel_x >= right * above
+                    || (du + 1.0) * texel_x <= left * above
+                    || dv * texel_y >= top * above
+                    || (dv + 1.0) * texel_y <= bottom * above
+                {
+                    continue;
+                }
                 if !clears_own_surface(seen, (du + 0.5) * texel_x, (dv + 0.5) * texel_y, above) {
                     continue;
                 }
                 let edge = |offset: f32, texel: f32, above_edge: f32, start: f32, samples: f32| {
                     let covered = offset * texel / above_edge.max(LOWEST_EDGE * above) - start;
-                    (covered * samples + 0.5).clamp(0.0, SAMPLES as f32) as u32
+                    (covered * samples).clamp(0.0, SAMPLES as f32).round_ties_even() as u32
                 };
                 let (half_x, half_y) = (0.5 * tilt[0], 0.5 * tilt[1]);
                 let x0 = edge(du, texel_x, above - half_x, left, samples_x);

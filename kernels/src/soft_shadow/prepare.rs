@@ -5,6 +5,7 @@
 //! a texel at window position t and rise g, seen from a point at p and rise h, covers (t - p) / (g - h) of
 //! the light's plane (thesis eq. 5.3 for any window; for a sun the plane at unit distance).
 
+use super::light::Seen;
 use crate::cancel::CancelFlag;
 use crate::view::View;
 use pyo3::PyResult;
@@ -13,24 +14,124 @@ use rayon::prelude::*;
 /// Rise of a texel that holds nothing; never above a shading point's.
 pub const EMPTY: f32 = f32::NEG_INFINITY;
 
-/// Texels of the widest vector that reads rows.
-pub const LANES: usize = 16;
+/// Texels on a block's side.
+pub const BLOCK: usize = 8;
 
-/// One resolution of the map. Level 0 is the map itself, level n keeps one texel of each 2^n x 2^n.
+/// Texels of a block.
+pub const BLOCK_TEXELS: usize = BLOCK * BLOCK;
+
+/// One resolution of the map. Level 0 is the map itself, level n keeps one texel of each 2^n x 2^n. Texels
+/// are stored block by block; those beyond the map's sides are EMPTY.
 pub struct Level {
     pub width: usize,
     pub height: usize,
-    /// Texels from one row to the next; at least [`LANES`] EMPTY ones end each row.
-    pub stride: usize,
-    /// (layers, height, stride): where the surface is.
+    pub blocks_x: usize,
+    pub blocks_y: usize,
+    /// (layers, blocks_y, blocks_x, BLOCK, BLOCK): where the surface is.
     pub rise: Vec<f32>,
-    /// (layers, height, stride): how `rise` changes to the next column and row, two [`pack_tilt`].
+    /// Shaped alike: how `rise` changes to the next column and row, see [`pack_tilt`].
     pub tilt: Vec<u32>,
+    /// (layers, blocks_y, blocks_x).
+    pub blocks: Vec<Block>,
+}
+
+/// What a block's texels have in common.
+#[derive(Clone, Copy)]
+pub struct Block {
+    /// Largest rise, EMPTY if the block is; and smallest of those that are not EMPTY.
+    pub highest: f32,
+    pub lowest: f32,
+    /// A plane no texel is above: rise at the block's middle, and its change to the next column and row.
+    pub cover: [f32; 3],
 }
 
 impl Level {
     pub fn index(&self, layer: usize, row: usize, column: usize) -> usize {
-        (layer * self.height + row) * self.stride + column
+        let block = self.block(layer, row / BLOCK, column / BLOCK);
+        block * BLOCK_TEXELS + row % BLOCK * BLOCK + column % BLOCK
+    }
+
+    pub fn block(&self, layer: usize, block_row: usize, block_column: usize) -> usize {
+        (layer * self.blocks_y + block_row) * self.blocks_x + block_column
+    }
+
+    /// From one layer's texel to the next layer's.
+    pub fn layer_stride(&self) -> usize {
+        self.blocks_x * self.blocks_y * BLOCK_TEXELS
+    }
+
+    /// Fills rows of blocks in parallel: `texel` (layer, row, column) gives rise and tilt.
+    fn filled(
+        width: usize,
+        height: usize,
+        layers: usize,
+        texel: impl Fn(usize, usize, usize) -> (f32, u32) + Sync,
+    ) -> Level {
+        let (blocks_x, blocks_y) = (width.div_ceil(BLOCK), height.div_ceil(BLOCK));
+        let count = layers * blocks_x * blocks_y;
+        let mut level = Level {
+            width,
+            height,
+            blocks_x,
+            blocks_y,
+            rise: vec![EMPTY; count * BLOCK_TEXELS],
+            tilt: vec![0; count * BLOCK_TEXELS],
+            blocks: vec![Block::NOTHING; count],
+        };
+        let rise = level.rise.par_chunks_mut(blocks_x * BLOCK_TEXELS);
+        let tilt = level.tilt.par_chunks_mut(blocks_x * BLOCK_TEXELS);
+        let blocks = level.blocks.par_chunks_mut(blocks_x);
+        let lines = rise.zip(tilt).zip(blocks).enumerate();
+        lines.for_each(|(line, ((rise, tilt), blocks))| {
+            let (layer, first_row) = (line / blocks_y, line % blocks_y * BLOCK);
+            for y in 0..BLOCK.min(height - first_row) {
+                for column in 0..width {
+                    let at = column / BLOCK * BLOCK_TEXELS + y * BLOCK + column % BLOCK;
+                    (rise[at], tilt[at]) = texel(layer, first_row + y, column);
+                }
+            }
+            let texels = rise.as_chunks::<BLOCK_TEXELS>().0.iter();
+            for (block, rise) in blocks.iter_mut().zip(texels) {
+                *block = Block::around(rise);
+            }
+        });
+        level
+    }
+}
+
+impl Block {
+    const NOTHING: Block = Block {
+        highest: EMPTY,
+        lowest: f32::INFINITY,
+        cover: [EMPTY, 0.0, 0.0],
+    };
+
+    /// Its cover has the slope between opposite sides if those are whole, and just clears the highest texel.
+    fn around(rise: &[f32; BLOCK_TEXELS]) -> Block {
+        let (mut highest, mut lowest) = (EMPTY, f32::INFINITY);
+        for &rise in rise {
+            highest = highest.max(rise);
+            lowest = lowest.min(if rise == EMPTY { f32::INFINITY } else { rise });
+        }
+        if highest == EMPTY {
+            return Block::NOTHING;
+        }
+        let last = BLOCK - 1;
+        let across = (rise[4 * BLOCK + last] - rise[4 * BLOCK]) / last as f32;
+        let along = (rise[last * BLOCK + 4] - rise[4]) / last as f32;
+        let whole = |slope: f32| if slope.is_finite() { slope } else { 0.0 };
+        let (across, along) = (whole(across), whole(along));
+        let middle = 0.5 * last as f32;
+        let mut clear = EMPTY;
+        for (i, &rise) in rise.iter().enumerate() {
+            let (x, y) = ((i % BLOCK) as f32 - middle, (i / BLOCK) as f32 - middle);
+            clear = clear.max(rise - (across * x + along * y));
+        }
+        Block {
+            highest,
+            lowest,
+            cover: [clear, across, along],
+        }
     }
 }
 
@@ -91,7 +192,7 @@ impl PreparedMap {
         while levels[levels.len() - 1]
             .width
             .min(levels[levels.len() - 1].height)
-            >= 2 * LANES
+            >= 4 * BLOCK
         {
             levels.push(coarser(&levels[0], levels.len(), layers));
             cancel.check()?;
@@ -117,6 +218,15 @@ impl PreparedMap {
         ]
     }
 
+    /// Where a point is in texels of a level.
+    pub fn place(&self, seen: &Seen, level: usize) -> [f32; 2] {
+        let [texel_x, texel_y] = self.texel_size(level);
+        [
+            ((seen.window_x - self.view.window[0]) / texel_x) as f32,
+            ((seen.window_y - self.view.window[2]) / texel_y) as f32,
+        ]
+    }
+
     /// Bias as a difference of rise: how far above a point a surface must be to shadow it. To first order
     /// the slope of rise gives it directly; of the cap, d(1/z) = dz / z^2.
     pub fn gradient_bias(&self, rise: f32, tilt: [f32; 2]) -> f32 {
@@ -135,10 +245,10 @@ impl PreparedMap {
         let mut nearest = vec![[EMPTY; 2]; width * height];
         nearest.par_chunks_mut(width).enumerate().for_each(|(row, out)| {
             for layer in 0..self.layers {
-                let line = level.index(layer, row, 0);
                 for (column, node) in out.iter_mut().enumerate() {
-                    let rise = level.rise[line + column];
-                    let bias = self.gradient_bias(rise, unpack_tilt(level.tilt[line + column]));
+                    let texel = level.index(layer, row, column);
+                    let rise = level.rise[texel];
+                    let bias = self.gradient_bias(rise, unpack_tilt(level.tilt[texel]));
                     *node = [node[0].max(rise), node[1].max(rise - bias)];
                 }
             }
@@ -180,40 +290,23 @@ fn halved(finer: &PyramidLevel) -> PyramidLevel {
 /// bit-reversed order), so that an edge along an axis is met at 2^n places and not at one; along its slope
 /// the surface is carried to the middle.
 fn coarser(finest: &Level, n: usize, layers: usize) -> Level {
-    let (width, height) = (finest.width >> n, finest.height >> n);
-    let mut level = empty_level(width, height, layers);
-    let stride = level.stride;
     let scale = (1u32 << n) as f32;
     let shift = |i: usize| (i as u32).reverse_bits() >> (u32::BITS as usize - n);
     let to_middle = |shift: u32| 0.5 * (scale - 1.0) - shift as f32;
-    let rows = level
-        .rise
-        .par_chunks_mut(stride)
-        .zip(level.tilt.par_chunks_mut(stride));
-    rows.enumerate().for_each(|(line, (rise, tilt))| {
-        let (layer, row) = (line / height, line % height);
-        for column in 0..width {
+    Level::filled(
+        finest.width >> n,
+        finest.height >> n,
+        layers,
+        |layer, row, column| {
             let (shift_x, shift_y) = (shift(row), shift(column));
             let x = (column << n) + shift_x as usize;
             let y = (row << n) + shift_y as usize;
             let from = finest.index(layer, y, x);
             let [along_x, along_y] = unpack_tilt(finest.tilt[from]);
-            rise[column] = finest.rise[from] + along_x * to_middle(shift_x) + along_y * to_middle(shift_y);
-            tilt[column] = pack_tilt(along_x * scale, along_y * scale);
-        }
-    });
-    level
-}
-
-fn empty_level(width: usize, height: usize, layers: usize) -> Level {
-    let stride = width.next_multiple_of(LANES) + LANES;
-    Level {
-        width,
-        height,
-        stride,
-        rise: vec![EMPTY; layers * height * stride],
-        tilt: vec![0; layers * height * stride],
-    }
+            let rise = finest.rise[from] + along_x * to_middle(shift_x) + along_y * to_middle(shift_y);
+            (rise, pack_tilt(along_x * scale, along_y * scale))
+        },
+    )
 }
 
 /// The map as it was rasterised.
@@ -236,24 +329,14 @@ impl Source<'_> {
     }
 
     fn level(&self) -> Level {
-        let mut level = empty_level(self.width, self.height, self.layers);
-        let stride = level.stride;
-        let rows = level
-            .rise
-            .par_chunks_mut(stride)
-            .zip(level.tilt.par_chunks_mut(stride));
-        rows.enumerate().for_each(|(line, (rise, tilt))| {
-            let (layer, row) = (line / self.height, line % self.height);
-            let here = self.row(layer, row);
-            for column in 0..self.width {
-                let depth = here[column];
-                if depth.is_finite() && (depth > 0.0 || self.orthographic) {
-                    rise[column] = self.rise(depth);
-                    tilt[column] = self.tilt(layer, row, column, depth);
-                }
+        Level::filled(self.width, self.height, self.layers, |layer, row, column| {
+            let depth = self.row(layer, row)[column];
+            if depth.is_finite() && (depth > 0.0 || self.orthographic) {
+                (self.rise(depth), self.tilt(layer, row, column, depth))
+            } else {
+                (EMPTY, 0)
             }
-        });
-        level
+        })
     }
 
     /// Slope of the texel's surface: of the neighbours on an axis and of their layers, the one closest in depth

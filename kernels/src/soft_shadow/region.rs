@@ -2,6 +2,7 @@
 
 use super::light::Seen;
 use super::prepare::PreparedMap;
+use super::tile::band;
 
 /// Columns `x0..x1` and rows `y0..y1` of a level of the map.
 #[derive(Clone, Copy, Debug, Default)]
@@ -24,8 +25,6 @@ pub const MOST_LEVELS: usize = 12;
 pub struct Regions {
     list: [Region; MOST_LEVELS],
     count: usize,
-    /// The map's border cut a region off.
-    pub clipped: bool,
 }
 
 impl Regions {
@@ -39,6 +38,7 @@ impl Regions {
 #[derive(Clone, Copy)]
 pub struct Search<'a> {
     map: &'a PreparedMap,
+    seen: &'a Seen,
     u: f64,
     v: f64,
     /// Left, right, bottom, top.
@@ -49,10 +49,11 @@ pub struct Search<'a> {
 impl<'a> Search<'a> {
     /// None: nothing can hide the light from the point. Starts with the map's own nearest depth, not with
     /// the near plane, which may be much closer; then takes the nearest depth inside, `refinements` times.
-    pub fn new(map: &'a PreparedMap, seen: &Seen, refinements: usize) -> Option<Self> {
+    pub fn new(map: &'a PreparedMap, seen: &'a Seen, refinements: usize) -> Option<Self> {
         let [texel_x, texel_y] = map.texel_size(0);
         let mut search = Search {
             map,
+            seen,
             u: (seen.window_x - map.view.window[0]) / texel_x,
             v: (seen.window_y - map.view.window[2]) / texel_y,
             reach: [
@@ -74,7 +75,7 @@ impl<'a> Search<'a> {
             if round == refinements {
                 break;
             }
-            nearest = nearest_in(map, &region);
+            nearest = Self::nearest_in(map, [region.x0, region.x1, region.y0, region.y1]);
         }
         Some(search)
     }
@@ -84,15 +85,15 @@ impl<'a> Search<'a> {
         self.around(self.above, 0).is_none_or(|(_, clipped)| !clipped)
     }
 
-    /// One region, on a level coarse enough for `max_samples` texels; and whether the border cut it off.
-    pub fn whole(&self, max_samples: usize) -> Option<(Region, bool)> {
+    /// One region, on a level coarse enough for `max_samples` texels.
+    pub fn whole(&self, max_samples: usize) -> Option<Region> {
         let mut level = 0;
         loop {
-            let (region, clipped) = self.around(self.above, level)?;
+            let (region, _) = self.around(self.above, level)?;
             let texels = (region.x1 - region.x0) as usize * (region.y1 - region.y0) as usize;
             level += 1;
             if texels <= max_samples || level == self.map.levels.len() {
-                return Some((region, clipped));
+                return Some(region);
             }
         }
     }
@@ -102,19 +103,12 @@ impl<'a> Search<'a> {
     /// as much as a fine one shows close to it. No level has many more than `max_samples` texels.
     pub fn bands(&self, max_samples: usize) -> Regions {
         let mut regions = Regions::default();
-        let [left, right, bottom, top] = self.reach;
-        let light = (right - left) * (top - bottom);
-        // With texels of level 0, this far above the point the light covers max_samples of them.
-        let unit = (max_samples as f64 / light).sqrt() as f32;
-        let mut above_to = f32::INFINITY;
+        let unit = unit(self.seen, max_samples, Some(self.map));
         for level in (0..self.map.levels.len()).rev() {
-            let above_from = if level == 0 {
-                0.0
-            } else {
-                0.5 * unit * (1u32 << level) as f32
-            };
+            let (from, to) = band(level, self.map.levels.len());
+            let (above_from, above_to) = (from * unit, to * unit);
             if self.above > above_from
-                && let Some((region, clipped)) = self.around(self.above.min(above_to), level)
+                && let Some((region, _)) = self.around(self.above.min(above_to), level)
             {
                 regions.list[regions.count] = Region {
                     above_from,
@@ -122,9 +116,7 @@ impl<'a> Search<'a> {
                     ..region
                 };
                 regions.count += 1;
-                regions.clipped |= clipped;
             }
-            above_to = above_from;
         }
         regions
     }
@@ -155,19 +147,27 @@ impl<'a> Search<'a> {
         };
         (x0 < x1 && y0 < y1).then_some((region, cut_x || cut_y))
     }
+
+    /// Largest rise and biased rise in texels x0..x1, y0..y1 of level 0, from at most 2 x 2 of the pyramid's nodes.
+    pub fn nearest_in(map: &PreparedMap, [x0, x1, y0, y1]: [i32; 4]) -> [f32; 2] {
+        let width = (x1 - x0).max(y1 - y0) as u32;
+        let level = (width.next_power_of_two().trailing_zeros() as usize).min(map.pyramid.len() - 1);
+        let nodes = &map.pyramid[level];
+        let mut nearest = [f32::NEG_INFINITY; 2];
+        for y in y0 >> level..=(y1 - 1) >> level {
+            for x in x0 >> level..=(x1 - 1) >> level {
+                let node = nodes.nearest[y as usize * nodes.width + x as usize];
+                nearest = [nearest[0].max(node[0]), nearest[1].max(node[1])];
+            }
+        }
+        nearest
+    }
 }
 
-/// Largest rise and biased rise in a region of level 0, from at most 2 x 2 nodes of the pyramid.
-fn nearest_in(map: &PreparedMap, region: &Region) -> [f32; 2] {
-    let width = (region.x1 - region.x0).max(region.y1 - region.y0) as u32;
-    let level = (width.next_power_of_two().trailing_zeros() as usize).min(map.pyramid.len() - 1);
-    let nodes = &map.pyramid[level];
-    let mut nearest = [f32::NEG_INFINITY; 2];
-    for y in region.y0 >> level..=(region.y1 - 1) >> level {
-        for x in region.x0 >> level..=(region.x1 - 1) >> level {
-            let node = nodes.nearest[y as usize * nodes.width + x as usize];
-            nearest = [nearest[0].max(node[0]), nearest[1].max(node[1])];
-        }
-    }
-    nearest
+/// The rise above a point at which the light covers `max_samples` texels of level 0.
+pub fn unit(seen: &Seen, max_samples: usize, map: Option<&PreparedMap>) -> f32 {
+    let Some(map) = map else { return 1.0 };
+    let [texel_x, texel_y] = map.texel_size(0);
+    let [left, right, bottom, top] = seen.bounds.map(f64::from);
+    (max_samples as f64 * texel_x * texel_y / ((right - left) * (top - bottom))).sqrt() as f32
 }
