@@ -2,7 +2,7 @@
 
 use super::bvh::Nearest;
 use super::lanes::{LANES, Simd, Work, dispatch};
-use super::packet::{HIT, IDLE, Packet};
+use super::packet::Packet;
 use super::scene::{Scene, Scratch};
 use super::{CHUNK, Flag, Floats, bytes, in_parallel, three, triples};
 use crate::geometry::Geometry;
@@ -41,34 +41,19 @@ impl<const NEAREST: bool> Work for Rays<'_, NEAREST> {
             let mut packet = Packet::EMPTY;
             let mut nearest = Nearest::NONE;
             let rays = first..(first + LANES).min(self.origins.len());
-            let mut shared = true;
             for (lane, ray) in rays.enumerate() {
                 let (origin, direction) = (self.origins[ray], self.directions[ray]);
                 let finite = origin
                     .iter()
                     .chain(&direction)
                     .fold(true, |f, x| f & x.is_finite());
-                let traced = finite && self.t_max[ray] > 0.0;
-                shared &= finite && origin == self.origins[first];
-                if finite {
-                    let t_max = if traced {
-                        self.t_max[ray].min(f32::MAX)
-                    } else {
-                        IDLE
-                    };
-                    packet.set(lane, origin, direction, t_max);
+                if finite && self.t_max[ray] > 0.0 {
+                    packet.add(lane, origin, direction, self.t_max[ray].min(f32::MAX));
                 }
             }
-            packet.prepare(simd);
-            if shared {
-                let (c, s) = (self.casters, &mut scratch);
-                self.scene
-                    .trace::<S, true, NEAREST>(simd, c, &mut packet, s, &mut nearest);
-            } else {
-                let (c, s) = (self.casters, &mut scratch);
-                self.scene
-                    .trace::<S, false, NEAREST>(simd, c, &mut packet, s, &mut nearest);
-            }
+            packet.prepare();
+            let scene = self.scene;
+            scene.trace::<S, NEAREST>(simd, self.casters, &mut packet, &mut scratch, &mut nearest);
             (self.done)(first, &packet, &nearest);
         }
     }
@@ -142,7 +127,7 @@ impl Accel {
                     t_max: &t_max[range],
                     done: &mut |first, packet, _| {
                         for (lane, result) in result[first..].iter_mut().take(LANES).enumerate() {
-                            *result = packet.t_max[lane] == HIT;
+                            *result = packet.hit >> lane & 1 != 0;
                         }
                     },
                 });

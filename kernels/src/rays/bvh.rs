@@ -1,40 +1,45 @@
-//! A binary tree of boxes, built by obvhs and walked by whole packets.
+//! A tree of boxes, sixteen to a node, made from the binary one that obvhs builds.
 //!
-//! Why binary: a packet of sixteen fills the vector registers with rays, so a wide node has nothing left to
-//! fill; and why our own walk: obvhs' boxes are not widened for rounding and it drops boxes that end within
-//! t = 1e-4.
+//! One ray meets sixteen boxes at once, whatever its neighbours do, so that a packet whose rays part costs no
+//! more than its rays alone; rays that stay together share the walk, the loads and, from one origin, the
+//! planes' distances. obvhs' own walks are not used because they do not widen boxes for rounding and drop
+//! boxes that end within t = 1e-4.
 
-use super::lanes::{LANES, Simd};
-use super::packet::{Packet, WIDENING};
+use super::lanes::{LANES, Lanes, Simd};
+use super::packet::{Packet, WIDENING, lanes_of};
 use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
 use obvhs::{Boundable, BvhBuildParams};
 use std::ops::Range;
 use std::time::Duration;
 
-/// Reference to a leaf: this bit, the index of its first primitive, and in the low bits their count.
+/// A child that is a leaf: this bit and its index.
 const LEAF: u32 = 1 << 31;
-const COUNT_BITS: u32 = 4;
-const MAX_LEAF: u32 = 4;
-/// What a leaf's reference can index.
-pub const MAX_PRIMITIVES: usize = 1 << (31 - COUNT_BITS);
 
-#[derive(Clone, Copy)]
 #[repr(C, align(64))]
 struct Node {
-    low: [[f32; 3]; 2],
-    high: [[f32; 3]; 2],
-    children: [u32; 2],
-    /// Axis along which the children lie farthest apart.
-    axis: u32,
-    /// The child that comes first along that axis.
-    lower: u32,
+    /// Low and high planes of the children's boxes, by axis; empty slots are inside out.
+    planes: [[Lanes; 2]; 3],
+    children: [u32; LANES],
 }
+
+const EMPTY_NODE: Node = Node {
+    planes: [[[f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]]; 3],
+    children: [LEAF; LANES],
+};
 
 pub struct Bvh {
     nodes: Vec<Node>,
-    depth: usize,
     pub bounds: ([f32; 3], [f32; 3]),
+}
+
+/// A tree and its leaves: primitives by index.
+pub struct Built {
+    pub bvh: Bvh,
+    pub order: Vec<u32>,
+    /// Of `order`, leaf by leaf.
+    pub leaves: Vec<Range<usize>>,
 }
 
 /// Bounds of one primitive.
@@ -47,6 +52,16 @@ impl Boundable for Bounds {
     }
 }
 
+/// Packets waiting at a node: its reference and their rays.
+pub type Stack = Vec<(u32, u32)>;
+
+/// What a walk does with a leaf. A trait and not a closure, because it must be compiled with the walk (see
+/// [`super::lanes::dispatch`]), and closures cannot be told to.
+pub trait Leaf {
+    /// Marks those of `rays` that are done in `packet.hit`.
+    fn visit<S: Simd>(&mut self, simd: S, packet: &mut Packet, rays: u32, leaf: usize);
+}
+
 fn widened(aabb: &Aabb) -> ([f32; 3], [f32; 3]) {
     let (low, high): ([f32; 3], [f32; 3]) = (aabb.min.into(), aabb.max.into());
     let most = low.iter().chain(&high).fold(0.0, |m: f32, x| m.max(x.abs()));
@@ -54,136 +69,185 @@ fn widened(aabb: &Aabb) -> ([f32; 3], [f32; 3]) {
     (low.map(|x| x - margin), high.map(|x| x + margin))
 }
 
-/// What a walk does with a leaf. A trait and not a closure, because it must be compiled with the walk (see
-/// [`super::lanes::dispatch`]), and closures cannot be told to.
-pub trait Leaf {
-    fn visit<S: Simd>(&mut self, simd: S, packet: &mut Packet, primitives: Range<usize>);
-}
-
 impl Bvh {
-    /// Returns the tree and the order in which it wants its primitives (indices into `primitives`).
-    pub fn build(primitives: &[Bounds]) -> (Self, Vec<u32>) {
+    /// Leaves hold at most `leaf_size` primitives (up to 255).
+    pub fn build(primitives: &[Bounds], leaf_size: u32) -> Built {
+        let mut nodes = Vec::new();
+        let mut leaves = Vec::new();
         if primitives.is_empty() {
-            return (
-                Bvh {
-                    nodes: Vec::new(),
-                    depth: 0,
-                    bounds: ([0.0; 3], [0.0; 3]),
-                },
-                Vec::new(),
-            );
+            let bvh = Bvh {
+                nodes,
+                bounds: ([0.0; 3], [0.0; 3]),
+            };
+            let order = Vec::new();
+            return Built { bvh, order, leaves };
         }
         let parameters = BvhBuildParams {
-            max_prims_per_leaf: MAX_LEAF,
+            max_prims_per_leaf: leaf_size,
+            // Sixteen primitives cost what one does, so leaves may be full.
+            collapse_traversal_cost: leaf_size as f32,
             ..BvhBuildParams::medium_build()
         };
         let tree = build_bvh2(primitives, parameters, &mut Duration::default());
-        let reference = |index: usize, slots: &mut Vec<(usize, usize)>, depth: usize| {
-            let node = &tree.nodes[index];
-            if node.is_leaf() {
-                LEAF | node.first_index << COUNT_BITS | node.prim_count
-            } else {
-                slots.push((node.first_index as usize, depth));
-                slots.len() as u32 - 1
+        // Nodes of the binary tree, in the order of those made of them.
+        let mut sources = vec![0];
+        while nodes.len() < sources.len() {
+            let children = opened(&tree, sources[nodes.len()]);
+            let mut node = EMPTY_NODE;
+            for (slot, &child) in children.iter().enumerate() {
+                let source = &tree.nodes[child];
+                let (low, high) = widened(source.aabb());
+                for axis in 0..3 {
+                    node.planes[axis][0][slot] = low[axis];
+                    node.planes[axis][1][slot] = high[axis];
+                }
+                node.children[slot] = if source.is_leaf() {
+                    let first = source.first_index as usize;
+                    leaves.push(first..first + source.prim_count as usize);
+                    LEAF | (leaves.len() - 1) as u32
+                } else {
+                    sources.push(child);
+                    (sources.len() - 1) as u32
+                };
             }
-        };
-        // Breadth first: `slots` are obvhs' pairs of siblings, in the order of our nodes.
-        let mut slots = Vec::new();
-        let mut nodes = Vec::new();
-        let mut depth = 1;
-        if tree.nodes[0].is_leaf() {
-            let leaf = reference(0, &mut slots, 0);
-            let (low, high) = widened(tree.nodes[0].aabb());
-            // Twice the same child: one leaf is all there is.
-            nodes.push(Node {
-                low: [low; 2],
-                high: [high; 2],
-                children: [leaf; 2],
-                axis: 0,
-                lower: 0,
-            });
-        } else {
-            reference(0, &mut slots, 1);
-        }
-        while nodes.len() < slots.len() {
-            let (pair, level) = slots[nodes.len()];
-            depth = depth.max(level);
-            let boxes = [pair, pair + 1].map(|i| widened(tree.nodes[i].aabb()));
-            let apart = |axis: usize| {
-                let middle = boxes.map(|(low, high)| low[axis] + high[axis]);
-                middle[1] - middle[0]
-            };
-            let axis = (0..3)
-                .max_by(|&a, &b| apart(a).abs().total_cmp(&apart(b).abs()))
-                .unwrap_or(0);
-            nodes.push(Node {
-                low: boxes.map(|b| b.0),
-                high: boxes.map(|b| b.1),
-                children: [pair, pair + 1].map(|i| reference(i, &mut slots, level + 1)),
-                axis: axis as u32,
-                lower: u32::from(apart(axis) < 0.0),
-            });
+            nodes.push(node);
         }
         let bounds = widened(tree.nodes[0].aabb());
-        (Bvh { nodes, depth, bounds }, tree.primitive_indices)
+        Built {
+            bvh: Bvh { nodes, bounds },
+            order: tree.primitive_indices,
+            leaves,
+        }
     }
 
-    /// Visits every leaf that some busy ray of the packet may meet, nearer ones first as far as the order
-    /// along an axis tells, until no ray is busy. `stack` is scratch.
+    /// Takes `rays` to every leaf that they may meet, nearer ones first, until all are done. `stack` is
+    /// scratch. `SHARED`: the packet is.
     #[inline(always)]
     pub fn walk<S: Simd, const SHARED: bool>(
         &self,
         simd: S,
         packet: &mut Packet,
-        stack: &mut Vec<u32>,
+        rays: u32,
+        stack: &mut Stack,
         leaf: &mut impl Leaf,
     ) {
         if self.nodes.is_empty() {
             return;
         }
         let floor = stack.len();
-        stack.reserve(self.depth + 1);
-        let mut next = 0;
-        loop {
-            if next & LEAF == 0 {
-                let node = &self.nodes[next as usize];
-                let first = packet.meets::<S, SHARED>(simd, &node.low[0], &node.high[0]);
-                let second = packet.meets::<S, SHARED>(simd, &node.low[1], &node.high[1]);
-                match (first, second) {
-                    (true, true) => {
-                        let near = (node.lower ^ u32::from(packet.goes_backward(node.axis))) as usize & 1;
-                        stack.push(node.children[1 - near]);
-                        next = node.children[near];
-                        continue;
-                    }
-                    (true, false) => {
-                        next = node.children[0];
-                        continue;
-                    }
-                    (false, true) => {
-                        next = node.children[1];
-                        continue;
-                    }
-                    (false, false) => {}
-                }
+        stack.push((0, rays));
+        while stack.len() > floor {
+            let Some((reference, waiting)) = stack.pop() else {
+                return;
+            };
+            let waiting = waiting & !packet.hit;
+            if waiting == 0 {
+                continue;
+            }
+            if reference & LEAF == 0 {
+                self.descend::<S, SHARED>(simd, packet, waiting, reference as usize, stack);
             } else {
-                let first = ((next & !LEAF) >> COUNT_BITS) as usize;
-                let count = (next & ((1 << COUNT_BITS) - 1)) as usize;
-                leaf.visit(simd, packet, first..first + count);
-                if packet.busy(simd) == 0 {
+                leaf.visit(simd, packet, waiting, (reference & !LEAF) as usize);
+                if rays & !packet.hit == 0 {
                     stack.truncate(floor);
                     return;
                 }
             }
-            if stack.len() == floor {
-                return;
-            }
-            match stack.pop() {
-                Some(reference) => next = reference,
-                None => return,
-            }
         }
     }
+
+    /// Pushes the children of a node that any ray meets, the nearest last.
+    #[inline(always)]
+    fn descend<S: Simd, const SHARED: bool>(
+        &self,
+        simd: S,
+        packet: &Packet,
+        rays: u32,
+        node: usize,
+        stack: &mut Stack,
+    ) {
+        let node = &self.nodes[node];
+        let slack = [simd.splat(-packet.slack), simd.splat(packet.slack)];
+        let mut relative = [[[0.0; LANES]; 2]; 3];
+        if SHARED {
+            let origin = packet.origin_of(rays.trailing_zeros() as usize % LANES);
+            for axis in 0..3 {
+                for side in 0..2 {
+                    let plane = simd.add(simd.load(&node.planes[axis][side]), slack[side]);
+                    let distance = simd.sub(plane, simd.splat(origin[axis]));
+                    simd.store(distance, &mut relative[axis][side]);
+                }
+            }
+        }
+        let mut child_rays = [0u32; LANES];
+        let mut child_near = [0f32; LANES];
+        let mut met = 0u32;
+        for ray in lanes_of(rays) {
+            let (mut near, mut far) = (simd.splat(0.0), simd.splat(packet.t_max[ray]));
+            for axis in 0..3 {
+                let inverse = simd.splat(packet.inverse[axis][ray]);
+                let first = (packet.backward[axis] >> ray & 1) as usize;
+                let distance = |side: usize| {
+                    if SHARED {
+                        simd.load(&relative[axis][side])
+                    } else {
+                        let plane = simd.add(simd.load(&node.planes[axis][side]), slack[side]);
+                        simd.sub(plane, simd.splat(packet.origin[axis][ray]))
+                    }
+                };
+                near = simd.max(simd.mul(distance(first), inverse), near);
+                far = simd.min(simd.mul(distance(1 - first), inverse), far);
+            }
+            let children = simd.bits(simd.less_equal(near, far));
+            let mut nears = [0.0; LANES];
+            if children & !met != 0 {
+                simd.store(near, &mut nears);
+                for child in lanes_of(children & !met) {
+                    child_near[child] = nears[child];
+                }
+            }
+            met |= children;
+            for child in lanes_of(children) {
+                child_rays[child] |= 1 << ray;
+            }
+        }
+        // Insertion sort, the nearest last. Distances are not negative, so their bits sort like numbers.
+        let mut sorted = [0u64; LANES];
+        let mut count = 0;
+        for child in lanes_of(met) {
+            let key = u64::from(child_near[child].to_bits()) << 32 | child as u64;
+            let mut at = count;
+            while at > 0 && sorted[at - 1] < key {
+                sorted[at] = sorted[at - 1];
+                at -= 1;
+            }
+            sorted[at] = key;
+            count += 1;
+        }
+        for key in &sorted[..count] {
+            let child = *key as usize % LANES;
+            stack.push((node.children[child], child_rays[child]));
+        }
+    }
+}
+
+/// A node's up to sixteen descendants: the largest inner one is opened until there is no room.
+fn opened(tree: &Bvh2, node: usize) -> Vec<usize> {
+    let mut children = vec![node];
+    while children.len() < LANES {
+        let inner = children
+            .iter()
+            .enumerate()
+            .filter(|(_, c)| !tree.nodes[**c].is_leaf());
+        let area = |c: usize| tree.nodes[c].aabb().half_area();
+        let Some((slot, _)) = inner.max_by(|a, b| area(*a.1).total_cmp(&area(*b.1))) else {
+            break;
+        };
+        let pair = tree.nodes[children[slot]].first_index as usize;
+        children[slot] = pair;
+        children.insert(slot + 1, pair + 1);
+    }
+    children
 }
 
 /// What the nearest hit of each ray was.

@@ -1,4 +1,4 @@
-//! Sixteen rays at a time, with the widest instructions that this processor has, chosen while running.
+//! Sixteen numbers at a time, with the widest instructions that this processor has, chosen while running.
 //!
 //! Every operation is rounded exactly and none are fused, so all instruction sets give the same bits.
 
@@ -32,15 +32,8 @@ pub trait Simd: Copy {
     fn less_equal(self, a: Self::Float, b: Self::Float) -> Self::Mask;
     fn and(self, a: Self::Mask, b: Self::Mask) -> Self::Mask;
     fn or(self, a: Self::Mask, b: Self::Mask) -> Self::Mask;
-    fn select(self, mask: Self::Mask, yes: Self::Float, no: Self::Float) -> Self::Float;
-    /// The mask as one bit a lane, and back.
+    /// The mask as one bit a lane.
     fn bits(self, mask: Self::Mask) -> u32;
-    fn mask_of(self, bits: u32) -> Self::Mask;
-
-    #[inline(always)]
-    fn any(self, mask: Self::Mask) -> bool {
-        self.bits(mask) != 0
-    }
 }
 
 /// Any processor.
@@ -114,20 +107,12 @@ impl Simd for Portable {
         each!(i => a[i] | b[i])
     }
     #[inline(always)]
-    fn select(self, mask: Self::Mask, yes: Lanes, no: Lanes) -> Lanes {
-        each!(i => if mask[i] { yes[i] } else { no[i] })
-    }
-    #[inline(always)]
     fn bits(self, mask: Self::Mask) -> u32 {
         let mut bits = 0;
         for (i, lane) in mask.iter().enumerate() {
             bits |= u32::from(*lane) << i;
         }
         bits
-    }
-    #[inline(always)]
-    fn mask_of(self, bits: u32) -> Self::Mask {
-        each!(i => bits >> i & 1 != 0)
     }
 }
 
@@ -176,16 +161,11 @@ mod x86 {
             fn less_equal(a: __m512, b: __m512) -> __mmask16 { _mm512_cmp_ps_mask::<_CMP_LE_OQ>(a, b) }
             fn and(a: __mmask16, b: __mmask16) -> __mmask16 { _kand_mask16(a, b) }
             fn or(a: __mmask16, b: __mmask16) -> __mmask16 { _kor_mask16(a, b) }
-            fn select(mask: __mmask16, yes: __m512, no: __m512) -> __m512 { _mm512_mask_mov_ps(no, mask, yes) }
         }
 
         #[inline(always)]
         fn bits(self, mask: __mmask16) -> u32 {
             u32::from(mask)
-        }
-        #[inline(always)]
-        fn mask_of(self, bits: u32) -> __mmask16 {
-            bits as __mmask16
         }
     }
 
@@ -234,19 +214,9 @@ mod x86 {
             fn or(a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
                 [_mm256_or_ps(a[0], b[0]), _mm256_or_ps(a[1], b[1])]
             }
-            fn select(mask: [__m256; 2], yes: [__m256; 2], no: [__m256; 2]) -> [__m256; 2] {
-                [_mm256_blendv_ps(no[0], yes[0], mask[0]), _mm256_blendv_ps(no[1], yes[1], mask[1])]
-            }
             fn bits(mask: [__m256; 2]) -> u32 {
                 _mm256_movemask_ps(mask[0]) as u32 | (_mm256_movemask_ps(mask[1]) as u32) << HALF
             }
-            fn mask_of(bits: u32) -> [__m256; 2] {{
-                let lanes = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-                [bits, bits >> HALF].map(|bits| {
-                    let set = _mm256_and_si256(_mm256_set1_epi32(bits as i32), lanes);
-                    _mm256_castsi256_ps(_mm256_cmpeq_epi32(set, lanes))
-                })
-            }}
         }
     }
 }

@@ -8,6 +8,7 @@
 mod accel;
 mod bvh;
 pub mod lanes;
+mod leaves;
 mod packet;
 mod pattern;
 mod scene;

@@ -1,14 +1,10 @@
-//! A packet of rays, and its test against a box.
+//! Sixteen rays that are traced together.
 
-use super::lanes::{LANES, Lanes, Simd};
+use super::lanes::{LANES, Lanes};
 
 /// Boxes are widened by this share of the coordinates' magnitude: the triangle test may be off by a few units
 /// in the last place, and must not be turned away by a box that is not.
 pub const WIDENING: f32 = 1.0 / (1 << 21) as f32;
-
-/// `t_max` of a ray that hit something, and of a lane without a ray.
-pub const HIT: f32 = -1.0;
-pub const IDLE: f32 = -2.0;
 
 /// Directions need not be unit; `t` counts in their lengths.
 #[derive(Clone, Copy)]
@@ -16,123 +12,113 @@ pub const IDLE: f32 = -2.0;
 pub struct Packet {
     pub origin: [Lanes; 3],
     pub direction: [Lanes; 3],
-    /// Where each ray ends so far; below zero: nothing to trace in this lane.
     pub t_max: Lanes,
-    inverse: [Lanes; 3],
+    /// Rays that were set, and those of them that hit something, one bit a lane.
+    pub set: u32,
+    pub hit: u32,
+    /// 1 / direction.
+    pub inverse: [Lanes; 3],
+    /// Per axis, the rays that go down it.
+    pub backward: [u32; 3],
     /// `WIDENING` of the origins' magnitude; also the height below which an origin counts as on a surface.
     pub slack: f32,
     /// Largest component of any direction.
     pub longest_direction: f32,
-    /// Whether rays go towards negative x, y, z: the first one's decide the order in which children are visited.
-    backward: [bool; 3],
-    /// Whether all rays agree in that.
-    aligned: bool,
+    /// Whether all rays start where the first one does.
+    pub shared: bool,
 }
 
 impl Packet {
     pub const EMPTY: Packet = Packet {
         origin: [[0.0; LANES]; 3],
-        direction: [[0.0; LANES], [0.0; LANES], [1.0; LANES]],
-        t_max: [IDLE; LANES],
+        direction: [[0.0; LANES]; 3],
+        t_max: [0.0; LANES],
+        set: 0,
+        hit: 0,
         inverse: [[0.0; LANES]; 3],
+        backward: [0; 3],
         slack: 0.0,
         longest_direction: 0.0,
-        backward: [false; 3],
-        aligned: false,
+        shared: false,
     };
 
-    /// Rays of one origin, prepared.
+    /// The rays `set` of one origin, prepared. Directions of the others must be numbers.
     #[inline(always)]
-    pub fn shared<S: Simd>(simd: S, origin: [f32; 3], direction: [Lanes; 3], t_max: Lanes) -> Self {
+    pub fn of_one_origin(origin: [f32; 3], direction: [Lanes; 3], t_max: Lanes, set: u32) -> Self {
         let mut packet = Packet {
             origin: origin.map(|x| [x; LANES]),
             direction,
             t_max,
+            set,
             ..Packet::EMPTY
         };
-        packet.prepare(simd);
+        packet.prepare();
         packet
     }
 
     #[inline(always)]
-    pub fn set(&mut self, lane: usize, origin: [f32; 3], direction: [f32; 3], t_max: f32) {
+    pub fn add(&mut self, lane: usize, origin: [f32; 3], direction: [f32; 3], t_max: f32) {
         for axis in 0..3 {
             self.origin[axis][lane] = origin[axis];
             self.direction[axis][lane] = direction[axis];
         }
         self.t_max[lane] = t_max;
+        self.set |= 1 << lane;
     }
 
     /// Fills in what follows from origins and directions; to be called before tracing.
     #[inline(always)]
-    pub fn prepare<S: Simd>(&mut self, simd: S) {
-        let zero = simd.splat(0.0);
-        let (tiny, minus_tiny) = (simd.splat(1e-18), simd.splat(-1e-18));
-        let busy = self.busy(simd);
-        let (mut magnitude, mut longest) = (zero, zero);
-        self.aligned = true;
+    pub fn prepare(&mut self) {
+        let first = self.set.trailing_zeros() as usize % LANES;
+        let (mut magnitude, mut longest) = (0.0, 0.0);
+        self.shared = true;
         for axis in 0..3 {
-            // Zeros would give infinity, and 0 * infinity is NaN; 1e18 is as good as infinite to any scene.
-            let d = simd.load(&self.direction[axis]);
-            let negative = simd.less(d, zero);
-            longest = simd.max(longest, simd.max(d, simd.sub(zero, d)));
-            let away = simd.select(negative, simd.min(d, minus_tiny), simd.max(d, tiny));
-            simd.store(simd.div(simd.splat(1.0), away), &mut self.inverse[axis]);
-            let negative = simd.bits(negative) & busy;
-            self.backward[axis] = negative & (busy & busy.wrapping_neg()) != 0;
-            self.aligned &= negative == 0 || negative == busy;
-            let o = simd.load(&self.origin[axis]);
-            magnitude = simd.max(magnitude, simd.max(o, simd.sub(zero, o)));
-        }
-        let largest = |values: S::Float| {
-            let mut lanes = [0.0; LANES];
-            simd.store(values, &mut lanes);
-            lanes.iter().fold(0.0, |m: f32, x| m.max(*x))
-        };
-        self.slack = WIDENING * largest(magnitude);
-        self.longest_direction = largest(longest);
-    }
-
-    #[inline(always)]
-    pub fn goes_backward(&self, axis: u32) -> bool {
-        self.backward[axis as usize]
-    }
-
-    /// Lanes that still have something to find.
-    #[inline(always)]
-    pub fn busy<S: Simd>(&self, simd: S) -> u32 {
-        simd.bits(simd.less_equal(simd.splat(0.0), simd.load(&self.t_max)))
-    }
-
-    /// Whether any ray meets the box. `SHARED`: all origins are lane 0's.
-    #[inline(always)]
-    pub fn meets<S: Simd, const SHARED: bool>(&self, simd: S, low: &[f32; 3], high: &[f32; 3]) -> bool {
-        let (mut near, mut far) = (simd.splat(0.0), simd.load(&self.t_max));
-        for axis in 0..3 {
-            let (low, high) = (low[axis] - self.slack, high[axis] + self.slack);
-            let inverse = simd.load(&self.inverse[axis]);
-            let plane = |at: f32| {
-                let distance = if SHARED {
-                    simd.splat(at - self.origin[axis][0])
-                } else {
-                    simd.sub(simd.splat(at), simd.load(&self.origin[axis]))
-                };
-                simd.mul(distance, inverse)
-            };
-            if self.aligned {
-                let (first, last) = if self.backward[axis] {
-                    (high, low)
-                } else {
-                    (low, high)
-                };
-                near = simd.max(near, plane(first));
-                far = simd.min(far, plane(last));
-            } else {
-                let (a, b) = (plane(low), plane(high));
-                near = simd.max(near, simd.min(a, b));
-                far = simd.min(far, simd.max(a, b));
+            let mut same = true;
+            for lane in 0..LANES {
+                let d = self.direction[axis][lane];
+                // Zeros would give infinity, and 0 * infinity is NaN; 1e18 is as good as infinite to any scene.
+                let tiny = if d < 0.0 { -1e-18 } else { 1e-18 };
+                self.inverse[axis][lane] = 1.0 / if d.abs() < 1e-18 { tiny } else { d };
+                longest = if d.abs() > longest { d.abs() } else { longest };
+                let o = self.origin[axis][lane];
+                magnitude = if o.abs() > magnitude { o.abs() } else { magnitude };
+                same &= (o == self.origin[axis][first]) | (self.set >> lane & 1 == 0);
             }
+            self.shared &= same;
+            let mut backward = 0;
+            for lane in 0..LANES {
+                backward |= u32::from(self.direction[axis][lane] < 0.0) << lane;
+            }
+            self.backward[axis] = backward;
         }
-        simd.any(simd.less_equal(near, far))
+        self.slack = WIDENING * magnitude;
+        self.longest_direction = longest;
+    }
+
+    #[inline(always)]
+    pub fn origin_of(&self, lane: usize) -> [f32; 3] {
+        [self.origin[0][lane], self.origin[1][lane], self.origin[2][lane]]
+    }
+}
+
+/// The lanes of a mask, lowest first.
+#[inline(always)]
+pub fn lanes_of(mask: u32) -> LanesOf {
+    LanesOf(mask)
+}
+
+pub struct LanesOf(u32);
+
+impl Iterator for LanesOf {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        if self.0 == 0 {
+            return None;
+        }
+        let lane = self.0.trailing_zeros() as usize;
+        self.0 &= self.0 - 1;
+        Some(lane % LANES)
     }
 }

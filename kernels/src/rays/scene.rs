@@ -1,26 +1,31 @@
 //! Geometry prepared for rays: one tree over everything that was flattened, and a tree of instances.
 
-use super::bvh::{Bounds, Bvh, Leaf, MAX_PRIMITIVES, Nearest};
-use super::lanes::{LANES, Lanes, Simd};
-use super::packet::{HIT, Packet, WIDENING};
-use super::triangle::{HAS_CUTOUT, Hits, Triangle};
+use super::bvh::{Bounds, Built, Bvh, Nearest, Stack};
+use super::lanes::{LANES, Simd};
+use super::leaves::{InInstances, InTriangles};
+use super::packet::{Packet, WIDENING};
+use super::triangle::{Block, Triangle};
 use crate::geometry::{Data, Instance, Mesh};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
 
 /// Meshes used several times are copied into the flat tree as long as it stays below this many triangles
-/// (84 bytes each, with their share of the tree): one tree is faster to walk than two levels.
+/// (some 100 bytes each, with their share of the tree): one tree is faster to walk than two levels.
 const FLAT_BUDGET: usize = 4_000_000;
 
-/// A tree over triangles, in the order of its leaves.
-struct Triangles {
-    bvh: Bvh,
-    triangles: Vec<Triangle>,
+/// What references to leaves can number.
+const MAX_PRIMITIVES: usize = 1 << 31;
+
+/// A tree over triangles; each leaf is a block.
+pub struct Triangles {
+    pub bvh: Bvh,
+    pub blocks: Vec<Block>,
+    count: usize,
 }
 
 impl Triangles {
-    fn build(triangles: Vec<Triangle>) -> Self {
+    fn build(triangles: &[Triangle]) -> Self {
         let bounds: Vec<Bounds> = triangles
             .par_iter()
             .map(|t| {
@@ -30,32 +35,35 @@ impl Triangles {
                 Bounds(over(f32::min), over(f32::max))
             })
             .collect();
-        let (bvh, order) = Bvh::build(&bounds);
+        let Built { bvh, order, leaves } = Bvh::build(&bounds, LANES as u32);
+        let block = |leaf: Range<usize>| Block::new(order[leaf].iter().map(|&i| triangles[i as usize]));
         Triangles {
             bvh,
-            triangles: order.into_iter().map(|i| triangles[i as usize]).collect(),
+            blocks: leaves.into_par_iter().map(block).collect(),
+            count: triangles.len(),
         }
     }
 }
 
 /// An instance that was not flattened.
-struct Placed {
-    instance: u32,
-    tree: usize,
+pub struct Placed {
+    pub instance: u32,
+    pub tree: usize,
     /// Relative to the origin, to object space relative to the tree's own centre; in float64.
-    inverse: [[f64; 4]; 3],
+    pub inverse: Matrix,
 }
 
 pub struct Scene {
     pub origin: [f64; 3],
     pub data: Arc<Data>,
     flat: Triangles,
-    trees: Vec<Triangles>,
-    placed: Vec<Placed>,
+    pub trees: Vec<Triangles>,
+    pub placed: Vec<Placed>,
     top: Bvh,
 }
 
-type Matrix = [[f64; 4]; 3];
+/// The upper three rows, row-major.
+pub type Matrix = [[f64; 4]; 3];
 
 fn apply(m: &Matrix, p: [f64; 3]) -> [f64; 3] {
     [0, 1, 2].map(|i| m[i][0] * p[0] + m[i][1] * p[1] + m[i][2] * p[2] + m[i][3])
@@ -92,8 +100,8 @@ fn inverted(m: &Matrix) -> Option<Matrix> {
 /// Stacks of the walks, kept from packet to packet.
 #[derive(Default)]
 pub struct Scratch {
-    outer: Vec<u32>,
-    inner: Vec<u32>,
+    outer: Stack,
+    inner: Stack,
 }
 
 fn is_cut_out(data: &Data, instance: &Instance) -> bool {
@@ -135,11 +143,7 @@ impl Scene {
             };
             let mesh = &data.meshes[instance.mesh];
             if flattened[instance.mesh] {
-                let flags = if is_cut_out(&data, instance) {
-                    HAS_CUTOUT
-                } else {
-                    0
-                };
+                let cutout = is_cut_out(&data, instance);
                 let points: Vec<[f64; 3]> = mesh
                     .positions
                     .par_iter()
@@ -148,18 +152,18 @@ impl Scene {
                 flat.par_extend((0..mesh.triangles.len()).into_par_iter().filter_map(|t| {
                     let corners =
                         mesh.triangles[t].map(|c| points[mesh.corner_vertices[c as usize] as usize]);
-                    Triangle::new(corners, index as u32, t as u32, flags)
+                    Triangle::new(corners, index as u32, t as u32, cutout)
                 }));
                 continue;
             }
             let (tree, centre) = *tree_of_mesh[instance.mesh].get_or_insert_with(|| {
                 let mut users = data.instances.iter().filter(|other| other.mesh == instance.mesh);
                 let clips = users.any(|other| is_cut_out(&data, other));
-                let (tree, centre) = build_tree(mesh, if clips { HAS_CUTOUT } else { 0 });
+                let (tree, centre) = build_tree(mesh, clips);
                 trees.push(tree);
                 (trees.len() - 1, centre)
             });
-            if trees[tree].triangles.is_empty() {
+            if trees[tree].count == 0 {
                 continue;
             }
             let mut centred = inverse;
@@ -178,16 +182,23 @@ impl Scene {
                 inverse: centred,
             });
         }
-        if flat.len() >= MAX_PRIMITIVES || placed.len() >= MAX_PRIMITIVES {
+        if flat.len() > MAX_PRIMITIVES || placed.len() > MAX_PRIMITIVES {
             return Err("too many triangles for one tree");
         }
-        let (top, order) = Bvh::build(&boxes);
+        let Built {
+            bvh: top,
+            order,
+            leaves,
+        } = Bvh::build(&boxes, 1);
         let mut slots: Vec<Option<Placed>> = placed.into_iter().map(Some).collect();
-        let placed = order.iter().filter_map(|&i| slots[i as usize].take()).collect();
+        let placed = leaves
+            .into_iter()
+            .filter_map(|leaf| slots[order[leaf.start] as usize].take())
+            .collect();
         Ok(Scene {
             origin,
             data,
-            flat: Triangles::build(flat),
+            flat: Triangles::build(&flat),
             trees,
             placed,
             top,
@@ -195,17 +206,33 @@ impl Scene {
     }
 
     pub fn triangle_count(&self) -> usize {
-        self.flat.triangles.len() + self.trees.iter().map(|t| t.triangles.len()).sum::<usize>()
+        self.flat.count + self.trees.iter().map(|t| t.count).sum::<usize>()
     }
 
     pub fn placed_count(&self) -> usize {
         self.placed.len()
     }
 
-    /// Traces a prepared packet. Rays that hit are left with `t_max` below zero, or with `NEAREST` at the
-    /// nearest hit, which is written to `nearest`. `casters` as in [`Scene::build`].
+    /// Traces a prepared packet: rays that meet something are marked in `packet.hit`, or with `NEAREST` end at
+    /// their nearest hit, which is written to `nearest`. `casters` as in [`Scene::build`].
     #[inline(always)]
-    pub fn trace<S: Simd, const SHARED: bool, const NEAREST: bool>(
+    pub fn trace<S: Simd, const NEAREST: bool>(
+        &self,
+        simd: S,
+        casters: &[u8],
+        packet: &mut Packet,
+        scratch: &mut Scratch,
+        nearest: &mut Nearest,
+    ) {
+        if packet.shared {
+            self.walk::<S, true, NEAREST>(simd, casters, packet, scratch, nearest);
+        } else {
+            self.walk::<S, false, NEAREST>(simd, casters, packet, scratch, nearest);
+        }
+    }
+
+    #[inline(always)]
+    fn walk<S: Simd, const SHARED: bool, const NEAREST: bool>(
         &self,
         simd: S,
         casters: &[u8],
@@ -214,130 +241,32 @@ impl Scene {
         nearest: &mut Nearest,
     ) {
         let Scratch { outer, inner } = scratch;
+        let rays = packet.set;
         let mut flat = InTriangles::<SHARED, NEAREST> {
             scene: self,
-            triangles: &self.flat.triangles,
+            blocks: &self.flat.blocks,
             instance: None,
             casters,
             nearest,
         };
-        self.flat.bvh.walk::<S, SHARED>(simd, packet, outer, &mut flat);
-        if !self.placed.is_empty() && packet.busy(simd) != 0 {
+        self.flat
+            .bvh
+            .walk::<S, SHARED>(simd, packet, rays, outer, &mut flat);
+        let rays = rays & !packet.hit;
+        if !self.placed.is_empty() && rays != 0 {
             let mut placed = InInstances::<SHARED, NEAREST> {
                 scene: self,
                 casters,
                 nearest,
                 stack: inner,
             };
-            self.top.walk::<S, SHARED>(simd, packet, outer, &mut placed);
-        }
-    }
-
-    /// Takes back hits (one bit a lane) where the material's alpha clip leaves nothing.
-    #[inline(never)]
-    fn cut_out(&self, triangle: &Triangle, instance: u32, weights: &[Lanes; 3], hit: u32) -> u32 {
-        let instance = &self.data.instances[instance as usize];
-        let mesh = &self.data.meshes[instance.mesh];
-        let index = triangle.triangle as usize;
-        let slot = mesh.triangle_slots.get(index).copied().unwrap_or(0);
-        let cutout = &self.data.cutouts[instance.material(slot) as usize];
-        let textured = !cutout.is_uniform() && !mesh.corner_uvs.is_empty();
-        let mut left = 0;
-        for lane in (0..LANES).filter(|lane| hit >> lane & 1 != 0) {
-            let mut uv = [0.0; 2];
-            if textured {
-                // `weights` are those of corners 2, 0 and 1.
-                let share = [1, 2, 0].map(|i: usize| weights[i][lane]);
-                let sum = share[0] + share[1] + share[2];
-                for (corner, share) in mesh.triangles[index].iter().zip(share) {
-                    let at = mesh.corner_uvs[*corner as usize];
-                    uv[0] += at[0] * share / sum;
-                    uv[1] += at[1] * share / sum;
-                }
-            }
-            left |= u32::from(cutout.is_opaque(uv)) << lane;
-        }
-        left
-    }
-}
-
-/// Leaves of triangles: those of one instance, or with `None` each of its own.
-struct InTriangles<'a, const SHARED: bool, const NEAREST: bool> {
-    scene: &'a Scene,
-    triangles: &'a [Triangle],
-    instance: Option<u32>,
-    casters: &'a [u8],
-    nearest: &'a mut Nearest,
-}
-
-impl<const SHARED: bool, const NEAREST: bool> Leaf for InTriangles<'_, SHARED, NEAREST> {
-    #[inline(always)]
-    fn visit<S: Simd>(&mut self, simd: S, packet: &mut Packet, primitives: Range<usize>) {
-        for triangle in &self.triangles[primitives] {
-            let instance = self.instance.unwrap_or(triangle.instance);
-            if !self.casters.is_empty() && self.casters[instance as usize] == 0 {
-                continue;
-            }
-            let mut hits = Hits {
-                t: [0.0; LANES],
-                weights: [[0.0; LANES]; 3],
-            };
-            let mut hit = triangle.intersect::<S, SHARED>(simd, packet, &mut hits);
-            if hit != 0 && triangle.flags & HAS_CUTOUT != 0 {
-                hit = self.scene.cut_out(triangle, instance, &hits.weights, hit);
-            }
-            if hit == 0 {
-                continue;
-            }
-            let end = if NEAREST {
-                simd.load(&hits.t)
-            } else {
-                simd.splat(HIT)
-            };
-            let t_max = simd.select(simd.mask_of(hit), end, simd.load(&packet.t_max));
-            simd.store(t_max, &mut packet.t_max);
-            if NEAREST {
-                for lane in (0..LANES).filter(|lane| hit >> lane & 1 != 0) {
-                    self.nearest.instance[lane] = instance;
-                    self.nearest.triangle[lane] = triangle.triangle;
-                }
-            }
-        }
-    }
-}
-
-/// Leaves of instances, whose own trees are walked in their object space.
-struct InInstances<'a, const SHARED: bool, const NEAREST: bool> {
-    scene: &'a Scene,
-    casters: &'a [u8],
-    nearest: &'a mut Nearest,
-    stack: &'a mut Vec<u32>,
-}
-
-impl<const SHARED: bool, const NEAREST: bool> Leaf for InInstances<'_, SHARED, NEAREST> {
-    #[inline(always)]
-    fn visit<S: Simd>(&mut self, simd: S, packet: &mut Packet, primitives: Range<usize>) {
-        for placed in &self.scene.placed[primitives] {
-            if self.casters.is_empty() || self.casters[placed.instance as usize] != 0 {
-                let tree = &self.scene.trees[placed.tree];
-                let mut local = packet_in_object(simd, packet, &placed.inverse);
-                let mut triangles = InTriangles::<SHARED, NEAREST> {
-                    scene: self.scene,
-                    triangles: &tree.triangles,
-                    instance: Some(placed.instance),
-                    casters: &[],
-                    nearest: self.nearest,
-                };
-                tree.bvh
-                    .walk::<S, SHARED>(simd, &mut local, self.stack, &mut triangles);
-                packet.t_max = local.t_max;
-            }
+            self.top.walk::<S, SHARED>(simd, packet, rays, outer, &mut placed);
         }
     }
 }
 
 /// The mesh's own tree, relative to the centre of its bounds, so that float32 holds it best.
-fn build_tree(mesh: &Mesh, flags: u32) -> (Triangles, [f64; 3]) {
+fn build_tree(mesh: &Mesh, cutout: bool) -> (Triangles, [f64; 3]) {
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for triangle in 0..mesh.triangles.len() {
         for corner in mesh.triangle_positions(triangle) {
@@ -352,16 +281,16 @@ fn build_tree(mesh: &Mesh, flags: u32) -> (Triangles, [f64; 3]) {
     } else {
         [0.0; 3]
     };
-    let triangles = (0..mesh.triangles.len())
+    let triangles: Vec<Triangle> = (0..mesh.triangles.len())
         .into_par_iter()
         .filter_map(|t| {
             let corners = mesh
                 .triangle_positions(t)
                 .map(|c| [0, 1, 2].map(|axis| f64::from(c[axis]) - centre[axis]));
-            Triangle::new(corners, u32::MAX, t as u32, flags)
+            Triangle::new(corners, u32::MAX, t as u32, cutout)
         })
         .collect();
-    (Triangles::build(triangles), centre)
+    (Triangles::build(&triangles), centre)
 }
 
 fn transformed_bounds(matrix: &Matrix, bounds: ([f32; 3], [f32; 3])) -> Bounds {
@@ -386,20 +315,4 @@ fn transformed_bounds(matrix: &Matrix, bounds: ([f32; 3], [f32; 3])) -> Bounds {
         low.map(|x| (x - margin) as f32),
         high.map(|x| (x + margin) as f32),
     )
-}
-
-#[inline(always)]
-fn packet_in_object<S: Simd>(simd: S, packet: &Packet, inverse: &Matrix) -> Packet {
-    let mut local = *packet;
-    for axis in 0..3 {
-        let row = inverse[axis];
-        for lane in 0..LANES {
-            let o = packet.origin.map(|o| f64::from(o[lane]));
-            let d = packet.direction.map(|d| f64::from(d[lane]));
-            local.origin[axis][lane] = (row[0] * o[0] + row[1] * o[1] + row[2] * o[2] + row[3]) as f32;
-            local.direction[axis][lane] = (row[0] * d[0] + row[1] * d[1] + row[2] * d[2]) as f32;
-        }
-    }
-    local.prepare(simd);
-    local
 }

@@ -2,7 +2,7 @@
 
 use super::bvh::Nearest;
 use super::lanes::{LANES, Lanes, Simd, Work};
-use super::packet::{IDLE, Packet};
+use super::packet::{Packet, lanes_of};
 use super::pattern::{Pattern, hash, pcg, unit};
 use super::scene::{Scene, Scratch};
 use crate::emitter::{Emitter, Samples};
@@ -56,15 +56,13 @@ impl Pending {
     #[inline(always)]
     fn flush<S: Simd>(&mut self, simd: S, query: &Query, scratch: &mut Scratch, arrived: &mut [f32]) {
         if self.used > 0 {
-            self.packet.prepare(simd);
+            self.packet.prepare();
             let scene = query.scene;
-            scene.trace::<S, false, false>(simd, query.casters, &mut self.packet, scratch, &mut {
+            scene.trace::<S, false>(simd, query.casters, &mut self.packet, scratch, &mut {
                 Nearest::NONE
             });
-            for lane in 0..self.used {
-                if self.packet.t_max[lane] >= 0.0 {
-                    arrived[self.point[lane]] += self.weight[lane];
-                }
+            for lane in lanes_of(self.packet.set & !self.packet.hit) {
+                arrived[self.point[lane]] += self.weight[lane];
             }
         }
         self.packet = Packet::EMPTY;
@@ -153,44 +151,42 @@ impl Work for Visibility<'_, '_> {
             for batch in 0..pattern.batches() {
                 let [u, v] = pattern.samples(turn, batch);
                 light.sample(lit.shading_normal, &u, &v, &mut samples);
-                let mut t_max = [IDLE; LANES];
-                let mut busy = 0;
+                let mut traced = [false; LANES];
                 for lane in 0..LANES {
                     let in_count = batch * LANES + lane < count;
                     let w = if in_count { samples.weight[lane] } else { 0.0 };
-                    let traced = (w > 0.0) & lit.leaves(samples.direction.map(|d| d[lane]));
                     sent[lane] += w;
-                    t_max[lane] = if traced { samples.distance[lane] } else { IDLE };
-                    busy += u32::from(traced);
+                    traced[lane] = (w > 0.0) & lit.leaves(samples.direction.map(|d| d[lane]));
                 }
-                if busy == 0 {
+                let mut rays = 0;
+                for lane in 0..LANES {
+                    rays |= u32::from(traced[lane]) << lane;
+                }
+                if rays == 0 {
                     continue;
                 }
                 if count > FEW {
-                    let mut packet = Packet::shared(simd, lit.origin, samples.direction, t_max);
-                    let scene = query.scene;
-                    scene.trace::<S, true, false>(simd, query.casters, &mut packet, &mut scratch, &mut {
-                        Nearest::NONE
-                    });
-                    for lane in 0..LANES {
-                        let free = packet.t_max[lane] >= 0.0;
-                        arrived[lane] += if free { samples.weight[lane] } else { 0.0 };
+                    let mut packet =
+                        Packet::of_one_origin(lit.origin, samples.direction, samples.distance, rays);
+                    let (casters, none) = (query.casters, &mut { Nearest::NONE });
+                    query
+                        .scene
+                        .trace::<S, false>(simd, casters, &mut packet, &mut scratch, none);
+                    for lane in lanes_of(rays & !packet.hit) {
+                        arrived[lane] += samples.weight[lane];
                     }
                     continue;
                 }
-                if pending.used + busy as usize > LANES {
+                if pending.used + rays.count_ones() as usize > LANES {
                     pending.flush(simd, query, &mut scratch, visibility);
                 }
-                for lane in 0..LANES {
-                    if t_max[lane] >= 0.0 {
-                        let direction = samples.direction.map(|d| d[lane]);
-                        pending
-                            .packet
-                            .set(pending.used, lit.origin, direction, t_max[lane]);
-                        pending.point[pending.used] = index;
-                        pending.weight[pending.used] = samples.weight[lane];
-                        pending.used += 1;
-                    }
+                for lane in lanes_of(rays) {
+                    let direction = samples.direction.map(|d| d[lane]);
+                    let distance = samples.distance[lane];
+                    pending.packet.add(pending.used, lit.origin, direction, distance);
+                    pending.point[pending.used] = index;
+                    pending.weight[pending.used] = samples.weight[lane];
+                    pending.used += 1;
                 }
             }
             weight[index] = sent.iter().sum();
@@ -280,7 +276,7 @@ impl Work for Screen<'_, '_> {
                 let lane = pending.used;
                 pending
                     .packet
-                    .set(lane, lit.origin, directions[chosen], distances[chosen]);
+                    .add(lane, lit.origin, directions[chosen], distances[chosen]);
                 pending.point[lane] = slot;
                 pending.weight[lane] = 1.0;
                 pending.used += 1;

@@ -1,0 +1,152 @@
+//! What a walk does when it comes to triangles, or to an instance of a tree of its own.
+
+use super::bvh::{Leaf, Nearest, Stack};
+use super::lanes::{LANES, Lanes, Simd};
+use super::packet::{Packet, lanes_of};
+use super::scene::{Matrix, Scene};
+use super::triangle::Block;
+
+/// Leaves of triangles: those of one instance, or with `None` each of its own. `SHARED`: the packet is;
+/// `NEAREST`: rays go on to their nearest hit instead of ending at any.
+pub struct InTriangles<'a, const SHARED: bool, const NEAREST: bool> {
+    pub scene: &'a Scene,
+    pub blocks: &'a [Block],
+    pub instance: Option<u32>,
+    pub casters: &'a [u8],
+    pub nearest: &'a mut Nearest,
+}
+
+impl<const SHARED: bool, const NEAREST: bool> InTriangles<'_, SHARED, NEAREST> {
+    /// The triangles of a block that cast.
+    #[inline(always)]
+    fn casting(&self, block: &Block) -> u32 {
+        let casts = |instance: u32| u32::from(self.casters[instance as usize] != 0);
+        match block.instance {
+            _ if self.casters.is_empty() => u32::MAX,
+            Some(instance) => casts(instance).wrapping_neg(),
+            None => (0..LANES).fold(0, |mask, lane| mask | casts(block.instances[lane]) << lane),
+        }
+    }
+}
+
+impl<const SHARED: bool, const NEAREST: bool> Leaf for InTriangles<'_, SHARED, NEAREST> {
+    #[inline(always)]
+    fn visit<S: Simd>(&mut self, simd: S, packet: &mut Packet, rays: u32, leaf: usize) {
+        let block = &self.blocks[leaf];
+        let casting = self.casting(block);
+        if casting == 0 {
+            return;
+        }
+        let first = rays.trailing_zeros() as usize % LANES;
+        let mut seen = block.seen_from(simd, packet.origin_of(first), packet);
+        for ray in lanes_of(rays) {
+            if !SHARED && ray != first {
+                seen = block.seen_from(simd, packet.origin_of(ray), packet);
+            }
+            let d = &packet.direction;
+            let hits = seen.intersect(simd, [d[0][ray], d[1][ray], d[2][ray]], packet.t_max[ray]);
+            let mut hit = hits.hit & casting;
+            if hit & block.cutouts != 0 {
+                let mut weights = [[0.0; LANES]; 3];
+                for edge in 0..3 {
+                    simd.store(hits.weights[edge], &mut weights[edge]);
+                }
+                hit = self.scene.opaque(block, self.instance, &weights, hit);
+            }
+            if hit == 0 {
+                continue;
+            }
+            if NEAREST {
+                let mut t = [0.0; LANES];
+                simd.store(hits.t, &mut t);
+                for lane in lanes_of(hit) {
+                    if t[lane] >= packet.t_max[ray] {
+                        continue;
+                    }
+                    packet.t_max[ray] = t[lane];
+                    self.nearest.instance[ray] = self.instance.unwrap_or(block.instances[lane]);
+                    self.nearest.triangle[ray] = block.triangles[lane];
+                }
+            } else {
+                packet.hit |= 1 << ray;
+            }
+        }
+    }
+}
+
+/// Leaves of instances, whose own trees are walked in their object space.
+pub struct InInstances<'a, const SHARED: bool, const NEAREST: bool> {
+    pub scene: &'a Scene,
+    pub casters: &'a [u8],
+    pub nearest: &'a mut Nearest,
+    pub stack: &'a mut Stack,
+}
+
+impl<const SHARED: bool, const NEAREST: bool> Leaf for InInstances<'_, SHARED, NEAREST> {
+    #[inline(always)]
+    fn visit<S: Simd>(&mut self, simd: S, packet: &mut Packet, rays: u32, leaf: usize) {
+        let placed = &self.scene.placed[leaf];
+        if !self.casters.is_empty() && self.casters[placed.instance as usize] == 0 {
+            return;
+        }
+        let tree = &self.scene.trees[placed.tree];
+        let mut local = packet_in_object(packet, &placed.inverse);
+        let mut triangles = InTriangles::<SHARED, NEAREST> {
+            scene: self.scene,
+            blocks: &tree.blocks,
+            instance: Some(placed.instance),
+            casters: &[],
+            nearest: self.nearest,
+        };
+        tree.bvh
+            .walk::<S, SHARED>(simd, &mut local, rays, self.stack, &mut triangles);
+        packet.hit |= local.hit;
+        packet.t_max = local.t_max;
+    }
+}
+
+impl Scene {
+    /// Of the triangles `hit` (one bit a lane), those where the material's alpha clip leaves something.
+    #[inline(never)]
+    fn opaque(&self, block: &Block, instance: Option<u32>, weights: &[Lanes; 3], hit: u32) -> u32 {
+        let mut opaque = hit;
+        for lane in lanes_of(hit & block.cutouts) {
+            let instance = &self.data.instances[instance.unwrap_or(block.instances[lane]) as usize];
+            let mesh = &self.data.meshes[instance.mesh];
+            let index = block.triangles[lane] as usize;
+            let slot = mesh.triangle_slots.get(index).copied().unwrap_or(0);
+            let cutout = &self.data.cutouts[instance.material(slot) as usize];
+            let mut uv = [0.0; 2];
+            if !cutout.is_uniform() && !mesh.corner_uvs.is_empty() {
+                // `weights` are those of corners 2, 0 and 1.
+                let share = [1, 2, 0].map(|i: usize| weights[i][lane]);
+                let sum = share[0] + share[1] + share[2];
+                for (corner, share) in mesh.triangles[index].iter().zip(share) {
+                    let at = mesh.corner_uvs[*corner as usize];
+                    uv[0] += at[0] * share / sum;
+                    uv[1] += at[1] * share / sum;
+                }
+            }
+            if !cutout.is_opaque(uv) {
+                opaque &= !(1 << lane);
+            }
+        }
+        opaque
+    }
+}
+
+#[inline(always)]
+fn packet_in_object(packet: &Packet, inverse: &Matrix) -> Packet {
+    let mut local = *packet;
+    for axis in 0..3 {
+        let row = inverse[axis];
+        for lane in 0..LANES {
+            let o = packet.origin.map(|o| f64::from(o[lane]));
+            let d = packet.direction.map(|d| f64::from(d[lane]));
+            local.origin[axis][lane] = (row[0] * o[0] + row[1] * o[1] + row[2] * o[2] + row[3]) as f32;
+            local.direction[axis][lane] = (row[0] * d[0] + row[1] * d[1] + row[2] * d[2]) as f32;
+        }
+    }
+    local.prepare();
+    local
+}
