@@ -116,7 +116,7 @@ class BakeJob:
         started = time.perf_counter() - self._read_seconds
         outline, options = self.outline, self.options
         sampling = Sampling(*outline.computed_size, options.samples, outline.pixel_filter)
-        executor = Executor(self.devices.primary, self.devices.fallback)
+        executor = Executor(self.devices.primary, self.devices.fallback, keeps_inputs=False)
         measurement = Measurement(self.graph, outline, options.probes, options.seed)
         self.stage = "Baking"
         share = 0.75 if options.probes else 1.0

@@ -309,7 +309,7 @@ def _cat(look, into):
 def _sign(look, into):
     """A carved tablet over the middle arch."""
     tablet = kit.boxes("Tablet", [((-0.8, -0.03, -0.17), (0.8, 0.03, 0.17))], look["trim"])
-    kit.bevel(kit.add_object("Tablet", tablet, into, location=(0, 3.71, 3.83)), 0.02, 2)
+    kit.bevel(kit.add_object("Tablet", tablet, into, location=(0, 3.69, 3.83)), 0.02, 2)
     text = bpy.data.curves.new("Sign", "FONT")
     text.body, text.size, text.extrude, text.bevel_depth = "STRATA", 0.26, 0.015, 0.003
     text.align_x, text.align_y, text.space_character = "CENTER", "CENTER", 1.2

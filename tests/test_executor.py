@@ -60,6 +60,13 @@ def test_a_layer_is_the_mean_of_its_samples(scene):
     assert (spread[:, 8] > 0).all()
 
 
+def test_an_empty_plan_runs_nothing(scene):
+    _, device = scene
+    executor = Executor(device, device)
+    drain(executor.run(Graph((), (), None, frozenset(), frozenset()), Sampling(*SIZE)))
+    assert executor.execution.images == executor.execution.timings == {}
+
+
 def test_tiles_do_not_show(scene, monkeypatch):
     outline, device = scene
     whole, tiled = Executor(device, device), Executor(device, device)

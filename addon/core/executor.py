@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -54,12 +54,15 @@ class Executor:
     what did not change does not run again.
 
     `fallback` is the CPU device, taken where the primary lacks a twin or fails; it may be the primary.
+    `keeps_inputs`: values that only other kept values were made of stay too (a preview's slider may want
+    them again); if not, they are freed as soon as nothing of the graph needs them.
     """
 
-    def __init__(self, primary: Device, fallback: Device, kept_values: int = 64):
+    def __init__(self, primary: Device, fallback: Device, kept_values: int = 64, keeps_inputs: bool = True):
         self.primary = primary
         self.fallback = fallback
         self.kept_values = kept_values
+        self.keeps_inputs = keeps_inputs
         self._kept: OrderedDict[tuple[str, str], Any] = OrderedDict()
         self._passing: dict[tuple[str, str], Any] = {}
         self._broken: dict[tuple[str, str], str] = {}
@@ -72,16 +75,20 @@ class Executor:
         end. Raises Cancelled when the flag of either device is set."""
         self.execution = Execution()
         self._graph = graph
+        if not graph.layers:
+            return
         nodes = graph.nodes()
         scene_nodes = [node for node in nodes if not node.per_surface]
         surface_nodes = [node for node in nodes if node.per_surface]
         total = len(scene_nodes) + len(surface_nodes) * sampling.chunk_count
+        readers = Counter(item.key for node in nodes for item in node.inputs)
         done = 0
         try:
             for node in scene_nodes:
                 # A node that only the other device's nodes read is made there, when they ask for it.
                 if node.step.twin(self.primary.name) or self.primary is self.fallback:
                     self.value(node, self.primary)
+                    self._free_inputs(node, readers)
                 done += 1
                 yield done / total
             for chunk in sampling.chunks():
@@ -182,6 +189,16 @@ class Executor:
         if collector is not None and chunk.sample == 0:
             device = self._home(graph.surface)
             collector.add(chunk, device.to_host(self.value(graph.surface, device)), layers)
+
+    def _free_inputs(self, node: Node, readers: Counter) -> None:
+        """Frees what `node` was the last to read."""
+        for item in node.inputs:
+            readers[item.key] -= 1
+            if readers[item.key] == 0 and not self.keeps_inputs:
+                for device in {self.primary, self.fallback}:
+                    value = self._kept.pop((device.name, item.key), None)
+                    if value is not None:
+                        device.release(value)
 
     def _drop_passing(self) -> None:
         devices = {device.name: device for device in (self.primary, self.fallback)}
