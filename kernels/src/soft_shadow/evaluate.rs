@@ -282,16 +282,16 @@ impl Scene<'_> {
                 points.shading_normal[i],
             )
         };
-        if let [(light, _)] = &self.maps[..] {
-            if let Some(seen) = see(light) {
-                let (map, whole) = (Some(0), true);
-                return Some(Chosen {
-                    light,
-                    seen,
-                    map,
-                    whole,
-                });
-            }
+        if let [(light, _)] = &self.maps[..]
+            && let Some(seen) = see(light)
+        {
+            let (map, whole) = (Some(0), true);
+            return Some(Chosen {
+                light,
+                seen,
+                map,
+                whole,
+            });
         }
         let (mut best, mut best_rank) = (None, 0);
         for (number, (light, map)) in self.maps.iter().enumerate() {
