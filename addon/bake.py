@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from .core.sampling import Sampling
 from .devices.start import Devices, start_devices
 from .effects.registry import EFFECTS, effect_named
 from .effects.shared import lit
+from .effects.shared.look import seen_boxes
 from .measure.measure import Measurement
 from .measure.report import Report, StepTime, report_of
 
@@ -90,6 +91,7 @@ class BakeJob:
         self.stage = "Starting"
         self._warnings = [*outline.warnings, *arrays.warnings, *graph.warnings]
         self._read_seconds = read_seconds
+        self._look_seconds = 0.0
         self._result: Baked | None = None
         self._work = self._run()
 
@@ -114,9 +116,10 @@ class BakeJob:
 
     def _run(self) -> Iterator[None]:
         started = time.perf_counter() - self._read_seconds
+        executor = Executor(self.devices.primary, self.devices.fallback, keeps_inputs=False)
+        self._look(executor)
         outline, options = self.outline, self.options
         sampling = Sampling(*outline.computed_size, options.samples, outline.pixel_filter)
-        executor = Executor(self.devices.primary, self.devices.fallback, keeps_inputs=False)
         measurement = Measurement(self.graph, outline, options.probes, options.seed)
         self.stage = "Baking"
         share = 0.75 if options.probes else 1.0
@@ -136,13 +139,27 @@ class BakeJob:
         self._result = self._finished(executor, errors, seconds)
         self.progress, self.stage = 1.0, "Done"
 
+    def _look(self, executor: Executor) -> None:
+        """Takes a coarse picture of the scene and plans again with it: boxes alone cannot tell that a wall
+        hides the plain behind it, and maps would be spread over both."""
+        if self.graph.surface is None:
+            return
+        node = self.graph.surface
+        started = time.perf_counter()
+        geometry = executor.value(node.inputs[0], self.devices.fallback)
+        seen = seen_boxes(self.devices.fallback, geometry, self.outline, node.params["visible"])
+        if len(seen):
+            self.outline = replace(self.outline, seen=seen)
+            self.graph = plan_scene(self.outline, self.options)
+        self._look_seconds = time.perf_counter() - started
+
     def _measure(self, measurement: Measurement, executor: Executor, layer: PlannedLayer):
         """Rays against the layer's own casters, on the CPU whatever made the layer."""
         from .devices.cpu import CpuRays
         from .effects.shared.steps import ray_accelerator
 
         device = self.devices.fallback
-        accelerator = executor.value(ray_accelerator(self.outline, layer.casters, layer.light), device)
+        accelerator = executor.value(ray_accelerator(self.outline), device)
         rays = CpuRays(accelerator, np.array(self.outline.view.eye))
         return measurement.measure(layer, rays, device.instance_mask(layer.casters))
 
@@ -175,6 +192,7 @@ class BakeJob:
             StepTime(timing.node.step.name, timing.node.instance, timing.device, timing.seconds)
             for timing in execution.timings.values()
         ]
+        steps.insert(0, StepTime("look", "camera", self.devices.fallback.name, self._look_seconds))
         report = report_of(
             outline=outline,
             graph=self.graph,

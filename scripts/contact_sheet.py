@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 from strata.addon.core.layers import Layer, LayerSet
 
-WIDTH, MARGIN, GAP, COLUMNS = 1600, 48, 28, 3
+WIDTH, MARGIN, GAP = 1600, 48, 28
 BACKGROUND, PANEL, TEXT, QUIET, ACCENT = "#15171c", "#1d2027", "#eceef2", "#9aa3b2", "#f2b261"
 REC709_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 AMBIENT = 0.07  # share of the unshadowed light that still reaches a shadow: stands in for bounces
@@ -76,10 +76,11 @@ def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[int, np.
     hero = Image.fromarray(np.ascontiguousarray(developed(composite(layer_set.layers, lit))[::-1]))
     aspect = layer_set.height / layer_set.width
     hero_size = (WIDTH - 2 * MARGIN, round((WIDTH - 2 * MARGIN) * aspect))
-    tile_width = (WIDTH - 2 * MARGIN - (COLUMNS - 1) * GAP) // COLUMNS
+    columns = 2 if len(layer_set.layers) in (2, 4) else 3
+    tile_width = (WIDTH - 2 * MARGIN - (columns - 1) * GAP) // columns
     tile_size = (tile_width, round(tile_width * aspect))
     caption = 96
-    rows = -(-len(layer_set.layers) // COLUMNS)
+    rows = -(-len(layer_set.layers) // columns)
     notes = _notes(layer_set.report)
     grid_top = 132 + hero_size[1] + GAP
     notes_top = grid_top + rows * (tile_size[1] + caption + GAP)
@@ -90,8 +91,8 @@ def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[int, np.
     draw.text((MARGIN, 92), _subtitle(layer_set), QUIET, _font(20))
     sheet.paste(hero.resize(hero_size, Image.Resampling.LANCZOS), (MARGIN, 132))
     for index, layer in enumerate(layer_set.layers):
-        x = MARGIN + (index % COLUMNS) * (tile_width + GAP)
-        y = grid_top + (index // COLUMNS) * (tile_size[1] + caption + GAP)
+        x = MARGIN + (index % columns) * (tile_width + GAP)
+        y = grid_top + (index // columns) * (tile_size[1] + caption + GAP)
         _draw_tile(sheet, draw, layer, (x, y), tile_size, caption)
     for index, note in enumerate(notes):
         draw.text((MARGIN, notes_top + 30 * index), note, QUIET, _font(17))

@@ -39,8 +39,9 @@ def test_every_planned_layer_of_every_scene_is_there_and_finite(path, backend):
         options := Options(backend=backend, samples=1, probes=64),
         size=SMALL,
     )
-    baked = BakeJob(outline, graph, arrays, options).result()
-    layers = images(baked)
+    job = BakeJob(outline, graph, arrays, options)
+    baked = job.result()
+    layers, graph = images(baked), job.graph
     assert list(layers) == [layer.name for layer in graph.layers]
     if layers:  # a plan that keeps nothing has one reason for the whole effect
         assert len(layers) + len({o.light for o in graph.left_out if o.light}) >= len(outline.lights)

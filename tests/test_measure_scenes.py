@@ -81,7 +81,7 @@ def bake(seed: int) -> Shot | None:
     layer = graph.layers[0]
     shot = Shot(outline, graph, {}, np.empty(0), None, device.instance_mask(layer.casters))
     drain(executor.run(graph, Sampling(*outline.size), shot))
-    accelerator = executor.value(steps.ray_accelerator(outline, layer.casters, layer.light), device)
+    accelerator = executor.value(steps.ray_accelerator(outline), device)
     shot.rays = CpuRays(accelerator, np.array(outline.view.eye))
     return shot
 

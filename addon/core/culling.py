@@ -61,22 +61,30 @@ def in_frustum(view: View, boxes: np.ndarray, guard: float = 0.05) -> np.ndarray
     return (reach >= offsets - 1e-9 * np.abs(offsets)).all(axis=1)
 
 
-def region_in_view(outline: Outline, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which instances the camera may see (N,) bool, and a box (2, 3) around what it sees of them."""
+def receivers_in_view(outline: Outline, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which instances the camera may see (N,) bool, and boxes (M, 2, 3) around what it sees of them: those of
+    the outline's coarse picture, or one around all."""
     if not len(boxes):
-        return np.zeros(0, bool), np.zeros((2, 3))
+        return np.zeros(0, bool), np.zeros((0, 2, 3))
     view = outline.view
     shown = np.array([i.visible_camera and not i.is_holdout for i in outline.instances])
     seen = shown & in_frustum(view, boxes)
     if not seen.any():
-        return seen, np.zeros((2, 3))
+        return seen, np.zeros((0, 2, 3))
+    if outline.seen is not None:
+        return seen, outline.seen
     low, high = boxes[seen, 0].min(axis=0), boxes[seen, 1].max(axis=0)
     depth = view.to_view(corners_of(boxes[seen]).reshape(-1, 3))[:, 2].max()
     frustum = frustum_corners(view, float(np.clip(depth, view.near, view.far)))
     margin = 0.05 * (frustum.max(axis=0) - frustum.min(axis=0))
     low = np.maximum(low, frustum.min(axis=0) - margin)
     high = np.minimum(high, frustum.max(axis=0) + margin)
-    return seen, np.stack([low, np.maximum(low, high)])
+    return seen, np.stack([low, np.maximum(low, high)])[None]
+
+
+def around(boxes: np.ndarray) -> np.ndarray:
+    """(2, 3): the box around boxes (M, 2, 3), at least one."""
+    return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
 
 def _emitter_box(light: Light) -> np.ndarray:

@@ -149,7 +149,7 @@ class Executor:
     def _run(self, node: Node, device: Device) -> Any:
         inputs = [self.value(item, device) for item in node.inputs]
         extra: dict[str, Any] = {}
-        if node == self._graph.surface:
+        if self._graph is not None and node == self._graph.surface:
             extra = {"chunk": self._chunk, "attributes": self._graph.surface_attributes}
         started = time.perf_counter()
         compiling = device.compile_seconds

@@ -7,7 +7,7 @@ Filled by `addon/scene/scan.py`. Everything here is plain and immutable; indices
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -224,7 +224,8 @@ class Instance:
 class Outline:
     """A scene at a frame. `frame_size` is the whole frame in pixels (resolution percentage applied);
     `crop`, in pixels x0, y0, x1, y1 from the bottom left, is the part that the image shows (render region
-    with "Crop to Render Region"), and `region` the part of the frame that is computed."""
+    with "Crop to Render Region"), and `region` the part of the frame that is computed. `seen`: boxes
+    (M, 2, 3) float64 around what a coarse picture of the scene shows, once somebody has taken one."""
 
     scene_name: str
     view_layer_name: str
@@ -243,6 +244,7 @@ class Outline:
     pixel_filter: PixelFilter = PixelFilter()
     working_space: str = "Linear Rec.709"
     seed: int = 0
+    seen: np.ndarray | None = field(default=None, compare=False)
 
     def __post_init__(self):
         if min(self.size) < 1:

@@ -95,9 +95,10 @@ def layered_depth(
     )
 
 
-def ray_accelerator(outline: Outline, casters: frozenset[int], instance: str) -> Node:
-    """A hierarchy over `casters`, relative to the camera's eye. Outside any graph too: measuring asks for
-    the one that a hybrid effect may already have built."""
+def ray_accelerator(outline: Outline) -> Node:
+    """A hierarchy over all that casts shadows, relative to the camera's eye, one for all lights: each query
+    names its casters. Outside any graph too: measuring asks for the one that an effect may have built."""
     frame = (outline.scene_name, outline.view_layer_name, outline.frame)
     node = Node(GEOMETRY, "", (), {"scene": frame})
-    return Node(RAY_ACCELERATOR, instance, (node,), {"eye": outline.view.eye, "casters": casters})
+    casters = frozenset(i for i, instance in enumerate(outline.instances) if instance.casts_shadow)
+    return Node(RAY_ACCELERATOR, "", (node,), {"eye": outline.view.eye, "casters": casters})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.culling import boxes_of, casters_into, lights_region, region_in_view
+from ...core.culling import around, boxes_of, casters_into, lights_region, receivers_in_view
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
 from ...core.outline import Light, Outline
@@ -31,7 +31,8 @@ def needed(outline: Outline) -> str | None:
 def run(recorder: Recorder, outline: Outline, params: SoftShadowParams) -> None:
     """One layer for each light whose shadow falls in view."""
     boxes = boxes_of(outline)
-    seen, region = region_in_view(outline, boxes)
+    seen, receivers = receivers_in_view(outline, boxes)
+    region = around(receivers) if len(receivers) else np.zeros((2, 3))
     for index, light in enumerate(outline.lights):
         reason = _unneeded(light, seen, region)
         casters = frozenset() if reason else _casters(light, outline, region, boxes)
@@ -40,7 +41,7 @@ def run(recorder: Recorder, outline: Outline, params: SoftShadowParams) -> None:
         if reason:
             recorder.left_out(f"soft_shadow {light.name}", reason, light.name)
         else:
-            _record_light(recorder, outline, params, index, casters, seen, region, boxes)
+            _record_light(recorder, outline, params, index, casters, seen, receivers, boxes)
     _report_idle_instances(recorder, outline, seen)
 
 
@@ -67,14 +68,14 @@ def _casters(light: Light, outline: Outline, region: np.ndarray, boxes: np.ndarr
     return frozenset(np.flatnonzero(allowed & casters_into(light, region, boxes)).tolist())
 
 
-def _record_light(recorder, outline, params, index, casters, seen, region, boxes) -> None:
+def _record_light(recorder, outline, params, index, casters, seen, receivers, boxes) -> None:
     from . import EFFECT
 
     light = outline.lights[index]
     visible = frozenset(np.flatnonzero(seen).tolist())
     attributes = POINTS if light.receivers is None else (*POINTS, "instance")
     surface = shared.surface(recorder, outline, visible, *attributes)
-    views, left_out = light_views(light.emitter, boxes[sorted(casters)], region[None])
+    views, left_out = light_views(light.emitter, boxes[sorted(casters)], receivers)
     for what, reason in left_out:
         recorder.left_out(f"soft_shadow {light.name} {what}", reason, light.name)
     if not _has_size(light):
@@ -97,7 +98,7 @@ def _record_light(recorder, outline, params, index, casters, seen, region, boxes
         refinements=params.refinements,
     )
     if params.method == Method.HYBRID:
-        accelerator = shared.ray_accelerator(outline, casters, light.name)
+        accelerator = shared.ray_accelerator(outline)
         shadow = recorder.step(
             steps.RAYS,
             surface,

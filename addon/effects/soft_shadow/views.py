@@ -25,6 +25,12 @@ WIDEST_SPOT = math.cos(math.radians(70.0))
 SMALLEST_NEAR = 1e-4
 """Nearest plane, as a share of the farthest."""
 
+SEEN_MARGIN = 0.1
+"""Share of the window that receivers fill that it grows by, for the search regions at its edges."""
+
+SPARE = 1.5
+"""The window of all casters gets a map of its own if it is so many times larger than the receivers'."""
+
 VAST = 0.5
 """A caster wider than this share of everything is a ground, and no reason to spread a sun's texels thin."""
 
@@ -89,22 +95,45 @@ def _nested_views(
     whole, reason = _window(emitter, axes, casters, receivers, widest)
     if whole is None:
         return [], [("map", reason)]
-    window, near, far = whole
-    limits = [max(abs(edge) for edge in window)]
+    tight = _seen_window(emitter, axes, receivers, widest, whole[0])
+    limits = [max(abs(edge) for edge in tight)]
     while limits[0] > WIDEST_SINGLE_TANGENT:
         limits.insert(0, limits[0] / WIDEST_SINGLE_TANGENT)
-    views, left_out = [], []
-    for number, limit in enumerate(limits):
-        name = f"wide {number}" if number else ""
+    windows, left_out = [], []
+    for limit in limits:
         inner, reason = _window(emitter, axes, casters, receivers, limit)
-        if number + 1 == len(limits):
-            inner = whole
         if inner is None:
-            left_out.append((name or "map", reason))
-            continue
-        window, near, far = inner
-        views.append((name, View(emitter.centre, *axes, window, near, far)))
+            left_out.append((f"window within slopes of {limit:.1f}", reason))
+        else:
+            windows.append((_intersection(inner[0], tight), *inner[1:]))
+    if not windows or _area(whole[0]) > SPARE * _area(windows[-1][0]):
+        windows.append(whole)
+    views = [
+        (f"wide {number}" if number else "", View(emitter.centre, *axes, window, near, far))
+        for number, (window, near, far) in enumerate(windows)
+    ]
     return views, left_out
+
+
+def _seen_window(emitter: Emitter, axes, receivers: np.ndarray, widest: float, whole: tuple) -> tuple:
+    """The part of the window `whole` that receivers fill. Casters close to the light lie around it, so that
+    a point whose search region leaves it needs the whole window; most do not."""
+    corners = (corners_of(receivers) - np.array(emitter.centre)) @ np.array(axes).T
+    slopes, _ = _slopes(corners, widest)
+    low, high = slopes[:, 0].min(axis=0), slopes[:, 1].max(axis=0)
+    margin = SEEN_MARGIN * (high - low)
+    seen = (low[0] - margin[0], high[0] + margin[0], low[1] - margin[1], high[1] + margin[1])
+    return _intersection(whole, tuple(float(edge) for edge in seen))
+
+
+def _intersection(a: tuple, b: tuple) -> tuple:
+    """Of two windows; the first if they do not meet."""
+    both = (max(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), min(a[3], b[3]))
+    return both if both[0] < both[1] and both[2] < both[3] else a
+
+
+def _area(window: tuple) -> float:
+    return (window[1] - window[0]) * (window[3] - window[2])
 
 
 def _cube_views(

@@ -1,0 +1,45 @@
+"""A first, coarse look at the scene: where the surfaces in view really are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.outline import Outline
+from ...core.surface import Chunk
+from .steps import SURFACE
+
+COARSER = 4
+"""Pixels of the image, across and up, to one of the look."""
+
+TILE = 8
+"""The look's pixels, across and up, that share a box."""
+
+MARGIN, REACH = 0.25, 2.0
+"""A box grows on each side by this share of itself and by so many of the look's pixels."""
+
+
+def seen_boxes(device, geometry, outline: Outline, visible: frozenset[int]) -> np.ndarray:
+    """(M, 2, 3) float64 boxes, world space, around the points of the instances `visible` that the camera
+    sees, a tile of the image each. `device` is the CPU, `geometry` its handle."""
+    width, height = (-(-side // COARSER) for side in outline.computed_size)
+    chunk = Chunk(width, height, 0, height, 0, (0.0, 0.0))
+    attributes = frozenset({"position", "depth"})
+    surface = SURFACE.cpu(
+        device, geometry, view=outline.view, visible=visible, chunk=chunk, attributes=attributes
+    )
+    left, right, _, _ = outline.view.window
+    eye = np.array(outline.view.eye)
+    boxes = []
+    for y in range(0, height, TILE):
+        for x in range(0, width, TILE):
+            tile = np.s_[y : y + TILE, x : x + TILE]
+            depth = surface["depth"][tile]
+            hit = np.isfinite(depth)
+            if hit.any():
+                points = surface["position"][tile][hit].astype(np.float64)
+                low, high = points.min(axis=0), points.max(axis=0)
+                # What falls between the look's pixels, or a filter's width beside them.
+                scale = 1.0 if outline.view.orthographic else float(depth[hit].max())
+                margin = MARGIN * (high - low) + REACH * (right - left) / width * scale
+                boxes.append((eye + low - margin, eye + high + margin))
+    return np.array(boxes, np.float64).reshape(-1, 2, 3)
