@@ -119,7 +119,8 @@ class Executor:
         for flagged in (self.primary, self.fallback):
             if flagged.cancel_flag.is_set():
                 raise Cancelled()
-        if self._usable(node, device):
+        # What can be copied is made once, where it is at home; what cannot is made again where it is wanted.
+        if self._usable(node, device) and (self._home(node) is device or not node.step.copyable):
             value = self._run(node, device)
         else:
             other = self.fallback if device is self.primary else self.primary

@@ -8,7 +8,7 @@ from pathlib import Path
 
 ADDON = Path(__file__).parents[1]
 SHARED = ADDON / "effects" / "shared"
-_INCLUDE = re.compile(r'^#include "([\w./]+)"[ \t]*$', re.MULTILINE)
+_INCLUDE = re.compile(r'^# *include "([\w./]+)"[ \t]*$', re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -45,18 +45,18 @@ class Shader:
 
 
 def shader_text(path: str) -> str:
-    """The text of a file below addon/, with each #include replaced by the file it names, once. Names are
-    looked up beside the including file, then in effects/shared. Raises OSError where there is no file."""
-    return _resolved(ADDON / path, set())
+    """The text of a file below addon/, with each #include replaced by the file it names, guarded against
+    being read twice. Names are looked up beside the including file, then in effects/shared. Raises OSError
+    where there is no such file, RecursionError where files include each other."""
+    return _resolved(ADDON / path)
 
 
-def _resolved(file: Path, seen: set[Path]) -> str:
+def _resolved(file: Path) -> str:
     def included(match: re.Match) -> str:
         beside = file.parent / match[1]
-        target = (beside if beside.exists() else SHARED / match[1]).resolve()
-        if target in seen:
-            return ""
-        seen.add(target)
-        return _resolved(target, seen)
+        target = beside if beside.exists() else SHARED / match[1]
+        # One name in two folders is two files.
+        guard = re.sub(r"\W", "_", f"INCLUDED_{target.parent.name}_{target.stem}".upper())
+        return f"#ifndef {guard}\n#define {guard}\n{_resolved(target)}#endif"
 
     return _INCLUDE.sub(included, file.read_text(encoding="utf-8"))

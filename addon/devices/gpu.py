@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import atexit
+import ctypes
 import os
 import sys
 import time
 from collections.abc import Iterable
 from threading import Event
-from typing import Any
+from typing import Any, ClassVar
+from weakref import WeakSet
 
 import numpy as np
 
@@ -40,6 +43,7 @@ class GpuDevice:
     """
 
     TRIANGLES_PER_DRAW = 1 << 20
+    _programs: ClassVar[dict[Shader, Any]] = {}  # of all devices: a second bake compiles nothing
     name = "gpu"
     cancelled = (Cancelled,)
 
@@ -48,11 +52,12 @@ class GpuDevice:
         self.compile_seconds = 0.0
         self._outline: Outline | None = None
         self._arrays: Arrays | None = None
-        self._programs: dict[Shader, Any] = {}
         self._vertices = None  # what batches draw: so many vertices of nothing
         self._vertex_count = 0
         self._kept: dict[str, Any] = {}
+        self._images: WeakSet[GpuImage] = WeakSet()
         self._gpu = _started()
+        _alive.add(self)
         platform = self._gpu.platform
         self.renderer = platform.renderer_get()
         self.description = f"{self.renderer}, {platform.backend_type_get()}"
@@ -78,6 +83,7 @@ class GpuDevice:
         columns = stack_columns(shape, self.largest_texture) if is_stack else 1
         image = GpuImage(None, tuple(shape), dtype, columns)
         image.texture = self._texture(image.size, image.format)
+        self._images.add(image)
         return image
 
     def upload(self, array: np.ndarray) -> GpuImage:
@@ -91,7 +97,9 @@ class GpuDevice:
         channels = 1 if texels.ndim == 2 else texels.shape[2]
         size = size_of(array.shape, columns)
         texture = self._texture(size, texture_format(array.dtype, channels), texels)
-        return GpuImage(texture, array.shape, array.dtype, columns)
+        image = GpuImage(texture, array.shape, array.dtype, columns)
+        self._images.add(image)
+        return image
 
     def upload_table(self, rows: np.ndarray) -> GpuImage:
         """(N, 1 to 4) float32 as a texture that tables.glsl indexes by row number."""
@@ -100,6 +108,10 @@ class GpuDevice:
         padded[: len(rows)] = rows
         shape = (height, TABLE_WIDTH, rows.shape[1])[: 2 if rows.shape[1] == 1 else 3]
         return self.upload(padded.reshape(shape))
+
+    def stack_columns(self, shape: tuple[int, int, int]) -> int:
+        """How many of (layers, height, width) to put side by side in a texture. Raises ValueError."""
+        return stack_columns(shape, self.largest_texture)
 
     def clear(self, image: GpuImage, value: float) -> None:
         """Sets every component."""
@@ -252,10 +264,10 @@ class GpuDevice:
         bits = array.astype(np.int64).astype(np.uint32)
         halves = np.stack([bits & 0xFFFF, bits >> 16], axis=-1).astype(np.float32)
         source = self.upload(halves)
-        image = GpuImage(None, array.shape, array.dtype)
-        image.texture = self._texture(image.size, image.format)
-        size = (*image.size, 0, 0)
-        self.dispatch(SPLIT_TO_INTEGER, image.size, {"integers": image}, {"halves": source}, {"size": size})
+        image = self.new_image(array.shape, array.dtype)
+        self.dispatch(
+            SPLIT_TO_INTEGER, image.size, {"integers": image}, {"halves": source}, {"size": image.size}
+        )
         return image
 
     def _batch(self, vertices: int):
@@ -268,6 +280,21 @@ class GpuDevice:
             self._vertices.attr_fill("unused", np.zeros(count, np.uint32))
             self._vertex_count = count
         return types.GPUBatch(type="TRIS", buf=self._vertices)
+
+
+_alive: WeakSet[GpuDevice] = WeakSet()
+
+
+@atexit.register
+def _forget() -> None:
+    """Lets go of everything on the GPU: Blender ends its context before Python's last objects, and what is
+    freed after that crashes it."""
+    for device in _alive:
+        device._kept.clear()
+        device._vertices = None
+        for image in device._images:
+            image.texture = None
+    GpuDevice._programs.clear()
 
 
 def _mapped(value: Any, function) -> Any:
@@ -290,6 +317,8 @@ def _started():
         return gpu
     if not hasattr(gpu, "init"):
         raise DeviceUnavailable("Blender before 5.2 has no GPU in background")
+    if sys.platform == "linux" and "vulkan" not in sys.argv and not _loads("libEGL.so.1"):
+        raise DeviceUnavailable("libEGL.so.1 is missing")  # gpu.init() would end the process, not raise
     said = []
     try:
         with captured_output() as said:  # Mesa grumbles about EGL configurations that it skips
@@ -300,6 +329,14 @@ def _started():
     if not _answers(gpu):
         raise DeviceUnavailable("the GPU module does not start")
     return gpu
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
 
 
 def _answers(gpu) -> bool:

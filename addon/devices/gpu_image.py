@@ -45,8 +45,8 @@ def texture_format(dtype: np.dtype, channels: int) -> str:
     """The format that holds `channels` numbers of `dtype` a texel. Raises TypeError where there is none."""
     if dtype == np.float32:
         return {1: "R32F", 2: "RG32F", 3: "RGBA32F", 4: "RGBA32F"}[channels]
-    if channels <= 2 and dtype.kind in "iub" and dtype.itemsize <= 4:
-        return ("R32UI", "RG32UI")[channels - 1]
+    if dtype.kind in "iub" and dtype.itemsize <= 4 and channels != 3:
+        return {1: "R32UI", 2: "RG32UI", 4: "RGBA32UI"}[channels]
     raise TypeError(f"no texture holds {channels} x {dtype}")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.graph import Step
+from . import gpu_steps
 from .params import Method
 
 
@@ -65,11 +66,11 @@ def _receivers(device, surface, visibility, receivers):
 
 
 # Biases and coarser maps of one layered depth map (thesis 5.3.2 and 5.3.4).
-PREPARE = Step("soft_shadow/prepare", cpu=_prepare, copyable=False)
+PREPARE = Step("soft_shadow/prepare", cpu=_prepare, gpu=gpu_steps.prepare, copyable=False)
 # Texels projected back onto the light from every shading point (thesis eq. 5.3).
-BACKPROJECT = Step("soft_shadow/backproject", cpu=_backproject)
+BACKPROJECT = Step("soft_shadow/backproject", cpu=_backproject, gpu=gpu_steps.backproject)
 # Rays for the points that the map is unsure of.
 RAYS = Step("soft_shadow/rays", cpu=_rays, hole="rays live on the CPU only")
-VISIBILITY = Step("soft_shadow/visibility", cpu=_visibility)
+VISIBILITY = Step("soft_shadow/visibility", cpu=_visibility, gpu=gpu_steps.visibility)
 # Instances that the light does not light stay as they are (light linking).
-RECEIVERS = Step("soft_shadow/receivers", cpu=_receivers)
+RECEIVERS = Step("soft_shadow/receivers", cpu=_receivers, gpu=gpu_steps.receivers)

@@ -1,0 +1,81 @@
+// The thesis's own method, clamped areas of backprojected texels, summed (section 5.3.5 and its listing): area.rs.
+#include "region.glsl"
+
+// Rise half way in depth between two surfaces; that of the first where nothing is behind it.
+float midpoint(float rise, float next)
+{
+  if (next == EMPTY) {
+    return rise;
+  }
+#ifdef ORTHOGRAPHIC
+  return 0.5 * (rise + next);
+#else
+  return 2.0 * rise * next / (rise + next);
+#endif
+}
+
+float rise_at(int layer, int level, ivec2 texel)
+{
+  return uintBitsToFloat(texelFetch(texels, level_place(layer, level) + texel, 0).x);
+}
+
+// Share of the light, along both axes, that a texel `offset` from the point covers.
+float covered(vec2 offset, float above, vec2 share, vec2 start)
+{
+  vec2 from = clamp(offset / above * share - start, 0.0, 1.0);
+  vec2 to = clamp((offset + 1.0) / above * share - start, 0.0, 1.0);
+  return (to.x - from.x) * (to.y - from.y);
+}
+
+// One region, on a level coarse enough for params.settings.x texels: region.rs `whole`. -1: there is none.
+int whole_region(Search search, out Region region)
+{
+  int levels = int(params.bias.z);
+  for (int level = 0; level < levels; level++) {
+    if (!around(search, search.above, level, region)) {
+      return -1;
+    }
+    ivec2 size = region.high - region.low;
+    if (float(size.x) * float(size.y) <= params.settings.x) {
+      return level;
+    }
+  }
+  return levels - 1;
+}
+
+// 1 - the sum over texels of the area that the farthest occluding layer covers; overlaps count twice. The last
+// stored depth only serves as the next one of the layer before it.
+float area_visibility(Seen seen, Search search)
+{
+  Region region;
+  int level = whole_region(search, region);
+  if (level < 0) {
+    return 1.0;
+  }
+  vec2 texel_size = params.window.zw * float(1 << level);
+  vec2 at = (seen.window - params.window.xy) / texel_size;
+  vec2 size = seen.bounds.yw - seen.bounds.xz;
+  vec2 share = texel_size / size, start = seen.bounds.xz / size;
+  float hidden = 0.0;
+  for (int row = region.low.y; row < region.high.y; row++) {
+    for (int column = region.low.x; column < region.high.x; column++) {
+      ivec2 texel = ivec2(column, row);
+      float next = rise_at(map_layers() - 1, level, texel);
+      for (int layer = map_layers() - 2; layer >= 0; layer--) {
+        uvec2 found = texelFetch(texels, level_place(layer, level) + texel, 0).xy;
+        float rise = uintBitsToFloat(found.x);
+        float above = rise - seen.rise;
+        float gradient = gradient_bias(rise, unpack_tilt(found.y));
+        // Written so that an empty texel, whose difference to its midpoint is NaN, casts no shadow.
+        bool casts = above > gradient && above > rise - midpoint(rise, next);
+        next = rise;
+        float area = casts ? covered(vec2(texel) - at, above, share, start) : 0.0;
+        if (area > 0.0) {
+          hidden += area;
+          break;
+        }
+      }
+    }
+  }
+  return max(1.0 - hidden, 0.0);
+}

@@ -1,0 +1,271 @@
+"""GPU twins of the soft shadow steps: what to dispatch, in order. The device does the rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ...core.emitter import Emitter, EmitterKind
+from ...core.shader import Shader
+from ...core.view import View
+from .params import Method
+
+FOLDER = "effects/soft_shadow"
+SAMPLES = 256
+SMALLEST_LEVEL = 16  # texels: no level of a map is smaller (prepare.rs)
+LARGEST = 3.0e38  # stands for infinity where 0 times it must be 0
+SHARPEST = 1e30  # a hard edge (light.rs)
+ROUND_KINDS = (EmitterKind.SPHERE, EmitterKind.FACING_DISK)
+
+MAP_PARAMS = ("map", "bias")
+PREPARE = Shader(
+    f"{FOLDER}/prepare.glsl",
+    samplers=(("depths", "FLOAT_2D"),),
+    images=(("texels", "RG32UI", "WRITE"),),
+    params=(*MAP_PARAMS, "depths"),
+)
+COARSER = Shader(
+    f"{FOLDER}/coarser.glsl", images=(("texels", "RG32UI", "READ_WRITE"),), params=(*MAP_PARAMS, "level")
+)
+PYRAMID_BASE = Shader(
+    f"{FOLDER}/pyramid.glsl",
+    defines=("FIRST",),
+    samplers=(("texels", "UINT_2D"),),
+    images=(("pyramid", "RG32F", "WRITE"),),
+    params=(*MAP_PARAMS, "level"),
+)
+PYRAMID = Shader(
+    f"{FOLDER}/pyramid.glsl", images=(("pyramid", "RG32F", "READ_WRITE"),), params=(*MAP_PARAMS, "level")
+)
+FIRST_ROWS = Shader(f"{FOLDER}/first_rows.glsl", images=(("rows", "RGBA32UI", "WRITE"),))
+LIGHT_PARAMS = (
+    *MAP_PARAMS,
+    *("size", "settings", "window", "window_high"),
+    *("axis_x", "axis_y", "axis_z", "from_light"),
+    *("light", "radiance", "cone_axis"),
+)
+CHOOSE = Shader(
+    f"{FOLDER}/choose.glsl",
+    samplers=(("position", "FLOAT_2D"), ("pyramid", "FLOAT_2D")),
+    images=(("choice", "R32UI", "READ_WRITE"),),
+    params=LIGHT_PARAMS,
+)
+BACKPROJECT = Shader(
+    f"{FOLDER}/backproject.glsl",
+    samplers=(
+        ("choice", "UINT_2D"),
+        ("position", "FLOAT_2D"),
+        ("geometric_normal", "FLOAT_2D"),
+        ("shading_normal", "FLOAT_2D"),
+    ),
+    images=(("visibility", "R32F", "WRITE"), ("uncertain", "R32UI", "WRITE")),
+    params=LIGHT_PARAMS,
+)
+RECEIVERS = Shader(
+    f"{FOLDER}/receivers.glsl",
+    samplers=(("instance", "UINT_2D"), ("receives", "FLOAT_2D"), ("visibility", "FLOAT_2D")),
+    images=(("result", "R32F", "WRITE"),),
+    params=("size",),
+)
+
+
+def _map_variant(shader: Shader, orthographic: bool) -> Shader:
+    return shader.defining("ORTHOGRAPHIC") if orthographic else shader
+
+
+def _light_defines(emitter: Emitter, orthographic: bool) -> tuple[str, ...]:
+    defines = ["ORTHOGRAPHIC"] * orthographic
+    if emitter.kind in ROUND_KINDS:
+        defines.append("ROUND")
+    if emitter.kind == EmitterKind.FACING_DISK:
+        defines.append("FACING")
+    if emitter.kind in (EmitterKind.ELLIPSE, EmitterKind.DISTANT_DISK):
+        defines.append("ELLIPTIC")
+    if emitter.tan_half_spread < LARGEST:
+        defines.append("SPREAD")
+    if emitter.cos_cone > -1.0:
+        defines.append("CONE")
+    return tuple(defines)
+
+
+def _backproject_variant(defines: tuple[str, ...], method: str) -> Shader:
+    """`method`: a Method's value, or "unmapped"."""
+    shader = BACKPROJECT.defining(*defines)
+    of_map, rows = (("texels", "UINT_2D"), ("pyramid", "FLOAT_2D")), (("first_rows", "UINT_2D"),)
+    if method == "unmapped":
+        return shader.defining("UNMAPPED")
+    if method == Method.AREA.value:
+        return replace(shader.defining("AREA"), samplers=(*shader.samplers, *of_map))
+    return replace(shader, samplers=(*shader.samplers, *of_map, *rows))
+
+
+def variants() -> Iterator[Shader]:
+    """Every program that these steps may compile."""
+    yield from (COARSER, PYRAMID, FIRST_ROWS, RECEIVERS)
+    for orthographic in (False, True):
+        yield _map_variant(PREPARE, orthographic)
+        yield _map_variant(PYRAMID_BASE, orthographic)
+    axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))
+    for kind in EmitterKind:
+        is_area = kind in (EmitterKind.RECTANGLE, EmitterKind.ELLIPSE)
+        is_spot = kind in ROUND_KINDS
+        for limited in (False, True) if is_area or is_spot else (False,):
+            spread = 1.0 if limited and is_area else math.inf
+            cone = 0.5 if limited and is_spot else -1.0
+            emitter = Emitter(kind, (0.0, 0.0, 0.0), *axes, 1.0, 1.0, spread, cone)
+            defines = _light_defines(emitter, kind == EmitterKind.DISTANT_DISK)
+            yield CHOOSE.defining(*defines)
+            for method in (Method.AREA.value, Method.BITMASK.value, "unmapped"):
+                yield _backproject_variant(defines, method)
+
+
+def prepare(device, depth, view: View, gradient_scale: float, gradient_cap_m: float):
+    """A dict of the images that map.glsl describes, and what shaders are told of them."""
+    layers, height, width = depth.shape
+    if layers < 2:
+        raise ValueError("depths needs at least two layers")
+    if not (gradient_scale >= 0.0 and gradient_cap_m >= 0.0):
+        raise ValueError("gradient_scale and gradient_cap_m cannot be negative")
+    levels = 1
+    while min(width, height) >> (levels - 1) >= 2 * SMALLEST_LEVEL:
+        levels += 1
+    nodes = 1 + math.ceil(math.log2(max(width, height)))
+    cell = height + height // 2
+    columns = device.stack_columns((layers, cell, width))
+    rows = -(-layers // columns)
+    texels = device.new_image((rows * cell, columns * width, 2), np.uint32)
+    pyramid = device.new_image((height + (height + 1) // 2, width + nodes, 2))
+    params = {
+        "map": (width, height, layers, columns),
+        "bias": (gradient_scale, min(gradient_cap_m, LARGEST), levels, nodes),
+    }
+    shader = _map_variant(PREPARE, view.orthographic)
+    stacked = {"depths": (depth.columns,)}
+    device.dispatch(shader, (width, height * layers), {"texels": texels}, {"depths": depth}, params | stacked)
+    for level in range(1, levels):
+        size = width >> level, (height >> level) * layers
+        device.dispatch(COARSER, size, {"texels": texels}, {}, params | {"level": (level,)})
+    first = _map_variant(PYRAMID_BASE, view.orthographic)
+    device.dispatch(
+        first, (width, height), {"pyramid": pyramid}, {"texels": texels}, params | {"level": (0,)}
+    )
+    for level in range(1, nodes):
+        size = -(-width // (1 << level)), -(-height // (1 << level))
+        device.dispatch(PYRAMID, size, {"pyramid": pyramid}, {}, params | {"level": (level,)})
+    return {"texels": texels, "pyramid": pyramid, "view": view, "params": params}
+
+
+def backproject(
+    device, surface, *maps, eye, emitter: Emitter, method: str, max_samples: int, refinements: int
+):
+    """A dict of the images `visibility` and `uncertain`, as the kernels of this step."""
+    if max_samples < 1:
+        raise ValueError("max_samples is at least 1")
+    position = surface["position"]
+    shape = position.shape[:2]
+    size = shape[::-1]
+    visibility, uncertain = device.new_image(shape), device.new_image(shape, np.uint8)
+    choice = device.new_image(shape, np.uint32)
+    device.clear(visibility, 1.0)
+    device.clear(uncertain, 0)
+    device.clear(choice, 0)
+    in_faces = len(maps) > 1 and emitter.kind in ROUND_KINDS
+    settings = max_samples, refinements, float(in_faces)
+    leave_uncertain = float(method == Method.HYBRID.value)  # rays will replace it
+    outputs = {"visibility": visibility, "uncertain": uncertain}
+    samplers = {name: surface[name] for name in ("position", "geometric_normal", "shading_normal")}
+    samplers |= {"choice": choice, "first_rows": _first_rows(device)}
+    for run in ("choose", method):
+        for index, prepared in enumerate(maps):
+            view = prepared["view"]
+            defines = _light_defines(emitter, view.orthographic)
+            params = prepared["params"] | _light_params(emitter, view, eye)
+            params |= {"size": size, "settings": (*settings, index)}
+            window = _window_params(view, prepared["params"]["map"])
+            params |= window | {"window_high": (*window["window_high"], len(maps), leave_uncertain)}
+            bound = samplers | {name: prepared[name] for name in ("texels", "pyramid")}
+            if run == "choose":
+                device.dispatch(CHOOSE.defining(*defines), size, {"choice": choice}, bound, params)
+            else:
+                device.dispatch(_backproject_variant(defines, method), size, outputs, bound, params)
+    if method != Method.AREA.value:  # without a map the thesis's sum is 1
+        for view in _default_views(emitter):
+            shader = _backproject_variant(_light_defines(emitter, view.orthographic), "unmapped")
+            params = dict.fromkeys(LIGHT_PARAMS, ()) | _light_params(emitter, view, eye)
+            params |= {"size": size, "settings": (*settings, -1)}
+            params |= {"window_high": (0.0, 0.0, len(maps), leave_uncertain)}
+            device.dispatch(shader, size, outputs, samplers, params)
+    device.release(choice)
+    return outputs
+
+
+def visibility(device, shadow):
+    """The image `visibility` of a shadow."""
+    return shadow["visibility"]
+
+
+def receivers(device, surface, visibility, receivers: frozenset[int]):
+    """An image: `visibility`, and 1 where the instance is not among `receivers`."""
+    result = device.new_image(visibility.shape)
+    mask = device.instance_mask(receivers).astype(np.float32)
+    table = device.upload_table(mask[:, None])
+    samplers = {"instance": surface["instance"], "receives": table, "visibility": visibility}
+    size = visibility.shape[::-1]
+    device.dispatch(RECEIVERS, size, {"result": result}, samplers, {"size": size})
+    device.release(table)
+    return result
+
+
+def _first_rows(device):
+    def make():
+        rows = device.new_image((SAMPLES + 1, 2, 4), np.uint32)
+        device.dispatch(FIRST_ROWS, rows.size, {"rows": rows})
+        return rows
+
+    return device.kept("soft_shadow/first_rows", make)
+
+
+def _light_params(emitter: Emitter, view: View, eye) -> dict[str, tuple[float, ...]]:
+    """The light in the axes of a view, composed in float64: light.rs `Light::new`."""
+    axes = np.array([view.right, view.up, view.forward])
+    offset = np.array(eye, np.float64) - np.array(view.eye)
+    edge = (1.0 - emitter.cos_cone) * emitter.blend
+    sharpness = min(1.0 / edge, SHARPEST) if edge > 0.0 else SHARPEST
+    names = ("axis_x", "axis_y", "axis_z")
+    params = {name: (*axis, axis @ offset) for name, axis in zip(names, axes, strict=True)}
+    return params | {
+        "light": (emitter.half_width, emitter.half_height),
+        "radiance": (min(emitter.tan_half_spread, LARGEST), emitter.cos_cone, sharpness),
+        "cone_axis": tuple(axes @ np.array(emitter.forward)),
+        "from_light": tuple(offset),
+    }
+
+
+def _window_params(view: View, map_params: tuple[float, ...]) -> dict[str, tuple[float, ...]]:
+    left, right, bottom, top = view.window
+    width, height = map_params[:2]
+    return {
+        "window": (left, bottom, (right - left) / width, (top - bottom) / height),
+        "window_high": (right, top),
+    }
+
+
+def _default_views(emitter: Emitter) -> list[View]:
+    """Views to see a light in where it needs no map: its own axes, or the six axes of the world."""
+    if emitter.kind in ROUND_KINDS:
+        unit = np.eye(3)
+        axes = [
+            (-sign * unit[(axis + 1) % 3], unit[(axis + 2) % 3], sign * unit[axis])
+            for axis in range(3)
+            for sign in (-1.0, 1.0)
+        ]
+    else:
+        axes = [(emitter.right, emitter.up, emitter.forward)]
+    window, orthographic = (-1.0, 1.0, -1.0, 1.0), emitter.kind == EmitterKind.DISTANT_DISK
+    return [
+        View(emitter.centre, *(tuple(map(float, axis)) for axis in three), window, 0.0, 1.0, orthographic)
+        for three in axes
+    ]
