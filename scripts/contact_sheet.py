@@ -76,7 +76,7 @@ def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[int, np.
     hero = Image.fromarray(np.ascontiguousarray(developed(composite(layer_set.layers, lit))[::-1]))
     aspect = layer_set.height / layer_set.width
     hero_size = (WIDTH - 2 * MARGIN, round((WIDTH - 2 * MARGIN) * aspect))
-    columns = 2 if len(layer_set.layers) in (2, 4) else 3
+    columns = 2 if len(layer_set.layers) in (1, 2, 4) else 3
     tile_width = (WIDTH - 2 * MARGIN - (columns - 1) * GAP) // columns
     tile_size = (tile_width, round(tile_width * aspect))
     caption = 96
