@@ -23,8 +23,8 @@ def page(effect: Effect) -> str:
             "",
             f"{effect.doc}.",
             "",
-            f"Source: {effect.source}. What it approximates, where it fails and how that is tested:",
-            f"[addon/effects/{effect.id}/README.md](../../addon/effects/{effect.id}/README.md).",
+            f"Source: {effect.source}.",
+            *_notes(effect),
             "",
             "<!-- Written by scripts/effect_docs.py from the declaration: change that, then `make docs`. -->",
             "",
@@ -45,6 +45,14 @@ def page(effect: Effect) -> str:
             "",
         ]
     )  # fmt: skip
+
+
+def _notes(effect: Effect) -> list[str]:
+    """The link to what the effect's author wrote by hand."""
+    notes = f"addon/effects/{effect.id}/README.md"
+    if not (FOLDER.parents[1] / notes).exists():
+        return []
+    return [f"What it approximates, where it fails and how that is tested: [{notes}](../../{notes})."]
 
 
 def steps_of(effect: Effect) -> list[Step]:
