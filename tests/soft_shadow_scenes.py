@@ -48,18 +48,21 @@ class Stage:
     def everything(self):
         return np.ones(len(self.boxes), np.uint8)
 
-    def maps(self, emitter, points, layers=3, resolution=1024, **bias):
-        """Prepared maps of the views that the points need; `points` relative to the origin."""
+    def depths(self, emitter, points, layers=3, resolution=1024):
+        """Views that the points need and their layered depths; `points` relative to the origin."""
         world = points[np.isfinite(points).all(axis=1)] + self.origin
         region = np.array([[world.min(axis=0), world.max(axis=0)]])
         views, _ = light_views(emitter, self.boxes, region)
-        prepared = []
-        for _, view in views:
-            depths = kernels.layered_depth(
-                self.geometry, self.everything(), view.packed(), layers, resolution, resolution
-            )
-            prepared.append(kernels.soft_shadow_prepare(depths, view.packed(), **bias))
-        return prepared
+        size = (layers, resolution, resolution)
+        return [
+            (view, kernels.layered_depth(self.geometry, self.everything(), view.packed(), *size))
+            for _, view in views
+        ]
+
+    def maps(self, emitter, points, layers=3, resolution=1024, **bias):
+        """Prepared maps; arguments as `depths`."""
+        found = self.depths(emitter, points, layers, resolution)
+        return [kernels.soft_shadow_prepare(depths, view.packed(), **bias) for view, depths in found]
 
     def visibility(
         self,

@@ -171,7 +171,8 @@ def _window(emitter: Emitter, axes, casters: np.ndarray, receivers: np.ndarray, 
     caster_slopes, caster_depths = caster_slopes[shadowing], caster_depths[shadowing]
     if not len(caster_slopes):
         return None, "no casters"
-    near = max(float(caster_depths[:, 0].min()), SMALLEST_NEAR * far)
+    # Not quite at the nearest caster: rounding would clip one that is parallel to the light.
+    near = max(0.99 * float(caster_depths[:, 0].min()), SMALLEST_NEAR * far)
     # A line from a receiver's point at slope p to the light's point l passes depth s at p + l (1/s - 1/z).
     half = np.array([emitter.half_width, emitter.half_height])
     reach = half * (1.0 / np.maximum(caster_depths[:, :1], near) - 1.0 / far)

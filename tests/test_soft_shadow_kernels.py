@@ -1,0 +1,443 @@
+"""Soft shadow maps against closed forms, against rays, and against their own plain twin."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import closed_forms
+import numpy as np
+import pytest
+import strata_kernels as kernels
+from soft_shadow_scenes import DOWN, Stage, ground_points, lamp, plate
+from strata.addon.core.emitter import EmitterKind
+from strata.addon.core.view import View
+
+UP = (0.0, 0.0, 1.0)
+GROUND = plate(-6, 6, -6, 6, 0)
+LOW = plate(-0.7, 0.6, -0.5, 0.45, 1.5)
+HIGH = plate(-0.4, 0.9, -0.6, 0.3, 2.5)
+
+
+def turned_axes(forward):
+    forward = np.array(forward) / np.linalg.norm(forward)
+    right = np.cross(forward, (0.0, 1.0, 0.0))
+    right /= np.linalg.norm(right)
+    return tuple(tuple(map(float, axis)) for axis in (right, np.cross(right, forward), forward))
+
+
+def weighted_rmse(found, truth, weight):
+    return float(np.sqrt((weight * (found - truth) ** 2).sum() / weight.sum()))
+
+
+def against_closed_form(emitter, plates, points, extra=(GROUND,), **settings):
+    truth, weight = closed_forms.visibility(emitter, points, np.tile(UP, (len(points), 1)), plates)
+    found, _ = Stage([*extra, *plates]).visibility(emitter, points, UP, **settings)
+    return weighted_rmse(found, truth, weight)
+
+
+def torus(major_radius, minor_radius, rotation, place, around=48, across=24):
+    """Positions and quads of a torus."""
+    a, b = np.meshgrid(
+        np.arange(around) * 2 * np.pi / around, np.arange(across) * 2 * np.pi / across, indexing="ij"
+    )
+    ring = major_radius + minor_radius * np.cos(b)
+    points = np.stack([ring * np.cos(a), ring * np.sin(a), minor_radius * np.sin(b)], -1).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
+    corner = lambda i, j: i % around * across + j % across  # noqa: E731
+    quads = np.stack([corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)], -1).reshape(
+        -1, 4
+    )
+    return points @ rotation.T + place, quads
+
+
+@pytest.fixture(scope="module")
+def tori():
+    """Eight tori over the ground, and a camera's surface of them."""
+    rng = np.random.default_rng(3)
+    meshes = []
+    for i in range(8):
+        rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        place = np.array([1.3 * (i % 4 - 1.5), 1.3 * (i // 4 - 0.5), rng.uniform(0.7, 1.8)])
+        meshes.append(torus(0.5, 0.16, rotation, place))
+    stage = Stage([GROUND], meshes, origin=(0.5, -4.0, 4.0))
+    stage = Stage([GROUND - stage.origin], [(p - stage.origin, q) for p, q in meshes], stage.origin)
+    right, up, forward = turned_axes((0.0, 1.0, -1.0))
+    camera = View(tuple(stage.origin), right, up, forward, (-0.6, 0.6, -0.4, 0.4), 0.1, 100.0)
+    surface = kernels.raster_surface(
+        stage.geometry,
+        stage.everything(),
+        camera.packed(),
+        96,
+        64,
+        attributes=["geometric_normal", "position", "shading_normal"],
+    )
+    emitter = lamp(centre=(0.3, -0.2, 4.5), half=(0.5, 0.5))
+    names = ("position", "geometric_normal", "shading_normal")
+    return stage, emitter, [np.ascontiguousarray(surface[name]) for name in names]
+
+
+def tori_maps(tori, **settings):
+    stage, emitter, (position, _, _) = tori
+    return stage.maps(emitter, position.reshape(-1, 3), **settings)
+
+
+def tori_visibility(tori, maps, *settings, **more):
+    stage, emitter, surface = tori
+    return kernels.soft_shadow_bitmask(*surface, stage.origin, emitter.packed(), maps, *settings, **more)
+
+
+@pytest.fixture(scope="module")
+def tori_truth(tori):
+    """V by 1024 rays a point, and the unshadowed irradiance, flat."""
+    stage, emitter, surface = tori
+    accelerator = kernels.Accel(stage.geometry, stage.origin, stage.everything())
+    points = [np.ascontiguousarray(a.reshape(-1, 3)) for a in surface]
+    return kernels.ray_visibility(
+        accelerator, stage.everything(), emitter.packed(), stage.origin, *points, 1024, 1
+    )
+
+
+# At 512 samples the light covers 11 to 22 texels a side, each edge errs by about a twentieth of a texel (its
+# rows meet the edge at different places), and 256 light samples err by .001 to .004 on disks. Up to twice
+# what was measured: .0017 .0041 .0041 .0025 .0030 .0056 .0027 .0044.
+CASES = {
+    "rectangle": (lamp(half=(0.5, 0.3)), [LOW], (GROUND,), 0.004),
+    "stacked plates": (lamp(half=(0.5, 0.3)), [LOW, HIGH], (GROUND,), 0.006),
+    "nothing behind the plates": (lamp(half=(0.5, 0.3)), [LOW, HIGH], (), 0.006),
+    "ellipse": (lamp(EmitterKind.ELLIPSE, half=(0.5, 0.3)), [LOW], (GROUND,), 0.005),
+    "sphere": (lamp(EmitterKind.SPHERE, half=(0.3, 0.3)), [LOW], (GROUND,), 0.006),
+    "facing disk": (lamp(EmitterKind.FACING_DISK, half=(0.3, 0.3)), [LOW, HIGH], (GROUND,), 0.009),
+    "sun": (
+        lamp(EmitterKind.DISTANT_DISK, half=(0.1, 0.1), axes=turned_axes((0.3, 0.2, -1.0))),
+        [LOW, HIGH],
+        (GROUND,),
+        0.005,
+    ),
+    "turned rectangle": (
+        lamp(half=(0.5, 0.3), centre=(-0.8, 0.5, 4.0), axes=turned_axes((0.3, 0.2, -1.0))),
+        [LOW, HIGH],
+        (GROUND,),
+        0.008,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_plates_agree_with_closed_forms(name):
+    emitter, plates, extra, tolerance = CASES[name]
+    assert against_closed_form(emitter, plates, ground_points(count=31), extra) < tolerance
+
+
+def test_reading_every_texel_leaves_only_the_samples_and_the_resolution():
+    emitter, plates, extra, _ = CASES["stacked plates"]
+    # Measured .0013; a texel is 1/80 of the light where it is largest.
+    assert against_closed_form(emitter, plates, ground_points(count=31), extra, settings=(1 << 20, 2)) < 0.003
+
+
+def test_the_penumbra_of_a_suns_edge_is_as_wide_as_the_sun():
+    sun = lamp(EmitterKind.DISTANT_DISK, half=(0.05, 0.05))
+    x = np.linspace(-0.15, 0.15, 61)
+    points = np.stack([x, np.full_like(x, 0.003), np.zeros_like(x)], 1)
+    screen = plate(-0.5, 0.0, -0.5, 0.5, 2.0)
+    found, _ = Stage([GROUND, screen]).visibility(sun, points, UP)
+    # Texels of 1/11 to 1/22 of the penumbra's .2 m; 256 samples of a disk err by .005.
+    truth = closed_forms.disk_share_beyond_edge(-x / (2.0 * 0.05))
+    assert np.abs(found - truth).max() < 0.03
+
+
+def test_a_scene_of_tori_agrees_with_1024_rays(tori, tori_truth):
+    truth, weight = tori_truth
+    found, _ = tori_visibility(tori, tori_maps(tori))
+    # 64 stratified rays reach about .010 on such scenes.
+    assert weighted_rmse(found.ravel(), truth, weight) < 0.013
+    found, _ = tori_visibility(tori, tori_maps(tori), 4096)
+    assert weighted_rmse(found.ravel(), truth, weight) < 0.010
+
+
+def test_a_missing_layer_and_a_shifted_map_show(tori, tori_truth):
+    truth, weight = tori_truth
+    stage, emitter, (position, _, _) = tori
+    good = weighted_rmse(tori_visibility(tori, tori_maps(tori))[0].ravel(), truth, weight)
+    leaking = weighted_rmse(tori_visibility(tori, tori_maps(tori, layers=2))[0].ravel(), truth, weight)
+    shifted = []
+    for view, depths in stage.depths(emitter, position.reshape(-1, 3)):
+        shifted.append(kernels.soft_shadow_prepare(np.roll(depths, 8, axis=2), view.packed()))
+    moved = weighted_rmse(tori_visibility(tori, shifted)[0].ravel(), truth, weight)
+    assert leaking > 1.3 * good
+    assert moved > 2.0 * good
+
+
+@pytest.mark.parametrize("max_samples", [64, 512, 1 << 20])
+def test_the_fast_twin_hides_the_same_samples_as_the_plain_one(tori, max_samples):
+    maps = tori_maps(tori, resolution=512)
+    fast, fast_doubt = tori_visibility(tori, maps, max_samples)
+    plain, plain_doubt = tori_visibility(tori, maps, max_samples, plain=True)
+    # One sample more or less would be 1/256; the rest is the order of adding up.
+    assert np.abs(fast - plain).max() < 1e-5
+    np.testing.assert_array_equal(fast_doubt, plain_doubt)
+
+
+@pytest.mark.parametrize("name", ["sphere", "facing disk", "sun", "ellipse"])
+def test_the_twins_agree_for_every_kind_of_light(name):
+    emitter, plates, extra, _ = CASES[name]
+    stage, points = Stage([*extra, *plates]), ground_points(count=21)
+    maps = stage.maps(emitter, points, resolution=512)
+    fast, _ = stage.visibility(emitter, points, UP, maps=maps)
+    normals = np.broadcast_to(np.float32(UP), points.shape).copy()
+    arguments = (points.astype(np.float32), normals, normals, stage.origin, emitter.packed(), maps)
+    plain, _ = kernels.soft_shadow_bitmask(*arguments, plain=True)
+    assert np.abs(fast - plain).max() < 1e-5
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        {"tan_half_spread": 0.4},
+        {"kind": EmitterKind.SPHERE, "half": (0.3, 0.3), "cos_cone": 0.85, "blend": 0.3},
+        {"kind": EmitterKind.SPHERE, "half": (0.3, 0.3), "cos_cone": 0.85, "blend": 0.0},
+    ],
+)
+def test_spread_and_cone_weigh_the_samples_alike_in_both_twins(light):
+    emitter, points = lamp(**light), ground_points(count=21)
+    stage = Stage([GROUND, LOW])
+    maps = stage.maps(emitter, points, resolution=512)
+    normals = np.broadcast_to(np.float32(UP), points.shape).copy()
+    arguments = (points.astype(np.float32), normals, normals, stage.origin, emitter.packed(), maps)
+    fast, _ = kernels.soft_shadow_bitmask(*arguments)
+    plain, _ = kernels.soft_shadow_bitmask(*arguments, plain=True)
+    assert np.abs(fast - plain).max() < 1e-5
+    assert np.ptp(fast) > 0.5
+
+
+def test_the_same_bits_on_any_number_of_threads_and_any_processor():
+    digests = set()
+    for environment in (
+        {"RAYON_NUM_THREADS": "1"},
+        {"RAYON_NUM_THREADS": "3"},
+        {"STRATA_AVX512": "0"},
+        {"STRATA_PORTABLE": "1"},
+    ):
+        here = {
+            **os.environ,
+            **environment,
+            "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path]),
+        }
+        run = [sys.executable, "-c", "import test_soft_shadow_kernels as t; print(t.digest())"]
+        digests.add(subprocess.run(run, env=here, capture_output=True, text=True, check=True).stdout)
+    assert len(digests) == 1
+
+
+def digest() -> str:
+    emitter, plates, extra, _ = CASES["sphere"]
+    found, uncertain = Stage([*extra, *plates]).visibility(
+        emitter, ground_points(count=21), UP, resolution=256
+    )
+    return hashlib.sha256(found.tobytes() + uncertain.tobytes()).hexdigest()
+
+
+def test_samples_below_the_geometric_horizon_are_hidden():
+    # A wall that faces +X under a lamp that reaches over its plane on both sides, shaded as if it leaned up.
+    emitter = lamp(centre=(0.1, 0.0, 3.0), half=(0.6, 0.4))
+    points = np.array([[0.0, y, z] for y in (-0.5, 0.2) for z in (0.0, 1.0, 2.0)])
+    wall = np.broadcast_to(np.float32([1.0, 0.0, 0.0]), points.shape).copy()
+    leaning = np.broadcast_to(np.float32([0.8, 0.0, 0.6]), points.shape).copy()
+    found, _ = kernels.soft_shadow_bitmask(
+        points.astype(np.float32), wall, leaning, np.zeros(3), emitter.packed(), []
+    )
+    u, v = np.meshgrid(np.linspace(-1, 1, 801)[1::2], np.linspace(-1, 1, 801)[1::2])
+    light = np.stack([0.1 + 0.6 * u, 0.4 * v, np.full_like(u, 3.0)], -1).reshape(-1, 3)
+    for point, share in zip(points, found, strict=True):
+        to_light = light - point
+        length = np.linalg.norm(to_light, axis=1)
+        weight = np.maximum(to_light @ leaning[0].astype(float), 0.0) * to_light[:, 2] / length**4
+        # The edge of a half-plane on 256 samples.
+        assert share == pytest.approx((weight * (to_light[:, 0] > 0.0)).sum() / weight.sum(), abs=0.012)
+
+
+def test_turned_away_surfaces_are_not_lit_and_so_count_as_visible():
+    points = ground_points(count=5)
+    found, _ = Stage([GROUND, LOW]).visibility(lamp(), points, (0.0, 0.0, -1.0))
+    np.testing.assert_array_equal(found, 1.0)
+
+
+def test_a_light_of_no_size_casts_a_hard_shadow():
+    emitter, points = lamp(half=(0.0, 0.0)), ground_points(count=61)
+    found, _ = Stage([GROUND, LOW]).visibility(emitter, points, UP)
+    # The plate at 1.5 under a lamp at 4 casts a shadow 4 / 2.5 as large; a texel is about .005 m.
+    scale = 4.0 / 2.5
+    low, high = LOW.min(axis=0)[:2] * scale, LOW.max(axis=0)[:2] * scale
+    beyond = np.maximum(low - points[:, :2], points[:, :2] - high).max(axis=1)
+    assert set(np.unique(found)) <= {0.0, 1.0}
+    np.testing.assert_array_equal(found[beyond > 0.01], 1.0)
+    np.testing.assert_array_equal(found[beyond < -0.01], 0.0)
+
+
+def box(half):
+    """Positions and quads of a closed box."""
+    positions = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float) * half
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return positions, np.array(quads)
+
+
+@pytest.mark.parametrize("kind", [EmitterKind.SPHERE, EmitterKind.FACING_DISK])
+def test_a_light_inside_a_closed_mesh_leaves_all_outside_dark(kind):
+    emitter = lamp(kind, centre=(0.0, 0.0, 0.0), half=(0.1, 0.1))
+    rng = np.random.default_rng(1)
+    directions = rng.normal(size=(2000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    points = 3.0 * directions
+    stage = Stage([], [box(1.0)])
+    normals = -directions.astype(np.float32)
+    found, _ = kernels.soft_shadow_bitmask(
+        points.astype(np.float32),
+        normals,
+        normals,
+        stage.origin,
+        emitter.packed(),
+        stage.maps(emitter, points),
+    )
+    # In every direction, the borders between cube faces too. Where two walls meet, their texels need not:
+    # through such a crack up to 5 of 256 samples were seen, in 13 of 2000 directions, all close to an edge.
+    assert found.max() < 6 / 256
+    assert found.mean() < 1e-4
+    towards = np.sort(np.abs(directions), axis=1)
+    np.testing.assert_array_equal(found[towards[:, 1] < 0.8 * towards[:, 2]], 0.0)
+
+
+def test_a_light_that_touches_a_surface_stays_finite():
+    emitter = lamp(centre=(0.0, 0.0, 0.0), half=(0.5, 0.5), axes=((1.0, 0, 0), (0, 0, 1.0), (0, 1.0, 0)))
+    points = ground_points(count=21)
+    found, _ = Stage([GROUND, plate(-0.5, 0.5, 1.0, 1.5, 0.3)]).visibility(emitter, points, UP)
+    assert np.isfinite(found).all()
+    assert found.min() >= 0.0
+    assert found.max() <= 1.0
+
+
+# At .01 and 1e-4, rounding once clipped the plate nearest to the lamp.
+@pytest.mark.parametrize("scale", [1e-4, 1e-2, 1e4])
+def test_the_scenes_size_does_not_matter(scale):
+    points = ground_points(count=21)
+    usual, _ = Stage([GROUND, LOW, HIGH]).visibility(lamp(), points, UP)
+    small = lamp(centre=(0.0, 0.0, 4.0 * scale), half=(0.5 * scale, 0.5 * scale))
+    found, _ = Stage([GROUND * scale, LOW * scale, HIGH * scale]).visibility(small, points * scale, UP)
+    # Rounding moves a sample in or out of a texel here and there.
+    assert np.abs(found - usual).max() <= 4 / 256
+    assert (np.abs(found - usual) > 1e-4).mean() < 0.2
+
+
+def test_ten_thousand_kilometres_away_is_the_same():
+    points, far = ground_points(count=21), (1e7, -1e7, 1e7)
+    near, _ = Stage([GROUND, LOW, HIGH]).visibility(lamp(), points, UP)
+    emitter = lamp(centre=(far[0], far[1], far[2] + 4.0))
+    found, _ = Stage([GROUND, LOW, HIGH], origin=far).visibility(emitter, points, UP)
+    # A double at 1e7 is good to 2e-9 m, so windows differ by that.
+    assert np.abs(found - near).max() <= 4 / 256
+    assert (np.abs(found - near) > 1e-4).mean() < 0.2
+
+
+@pytest.mark.parametrize("method", ["soft_shadow_bitmask", "soft_shadow_area"])
+def test_points_that_are_not_finite_are_visible_and_harm_no_other(method):
+    points = ground_points(count=9)
+    stage = Stage([GROUND, LOW])
+    clean, _ = stage.visibility(lamp(), points, UP, method, maps=(maps := stage.maps(lamp(), points)))
+    broken = points.copy()
+    broken[::3, 1] = np.nan
+    broken[1::3, 0] = np.inf
+    found, _ = stage.visibility(lamp(), broken, UP, method, maps=maps)
+    np.testing.assert_array_equal(found[::3], 1.0)
+    np.testing.assert_array_equal(found[1::3], 1.0)
+    np.testing.assert_allclose(found[2::3], clean[2::3], atol=1e-6)
+    found, _ = stage.visibility(lamp(), points, (np.nan, 0.0, 1.0), method, maps=maps)
+    assert np.isfinite(found).all()
+
+
+def test_maps_of_broken_depths_give_finite_shadows():
+    view = View((0.0, 0.0, 4.0), *DOWN, (-1.0, 1.0, -1.0, 1.0), 0.1, 10.0)
+    depths = np.full((3, 40, 40), np.inf, np.float32)
+    depths[0] = 2.0
+    depths[0, ::3] = np.nan
+    depths[0, 1::3, ::2] = 0.0
+    depths[0, 1::3, 1::2] = -1.0
+    depths[0, 2::3, ::5] = 1e-38
+    prepared = [kernels.soft_shadow_prepare(depths, view.packed())]
+    for method in ("soft_shadow_bitmask", "soft_shadow_area"):
+        found, _ = Stage([GROUND]).visibility(lamp(), ground_points(count=15), UP, method, maps=prepared)
+        assert np.isfinite(found).all()
+        assert found.min() >= 0.0
+        assert found.max() <= 1.0
+
+
+def test_the_sum_of_areas_is_exact_on_one_parallel_plate():
+    emitter, points = lamp(half=(0.5, 0.3)), ground_points(count=21)
+    found, uncertain = Stage([GROUND, LOW]).visibility(
+        emitter, points, UP, "soft_shadow_area", settings=(1 << 20, 2)
+    )
+    # The plate at 1.5, projected through the point onto the lamp's plane at 4: a rectangle.
+    grown = points[:, None, :2] + (LOW[None, ::2, :2] - points[:, None, :2]) * (4.0 / 1.5)
+    covered = np.minimum(grown[:, 1], (0.5, 0.3)) - np.maximum(grown[:, 0], (-0.5, -0.3))
+    truth = 1.0 - np.maximum(covered, 0.0).prod(axis=1) / (1.0 * 0.6)
+    # Edges err by half a texel of some 1/40 of the lamp.
+    assert np.abs(found - truth).max() < 0.03
+    assert not uncertain.any()
+
+
+def test_the_sum_of_areas_overshadows_where_occluders_overlap():
+    emitter, plates, extra, _ = CASES["stacked plates"]
+    points = ground_points(count=21)
+    area = against_closed_form(
+        emitter, plates, points, extra, method="soft_shadow_area", settings=(1 << 20, 2)
+    )
+    assert area > 10 * against_closed_form(emitter, plates, points, extra)
+
+
+def test_uncertain_points_may_be_left_to_rays(tori):
+    maps = tori_maps(tori, resolution=512)
+    found, uncertain = tori_visibility(tori, maps)
+    left, still_uncertain = tori_visibility(tori, maps, leave_uncertain=True)
+    np.testing.assert_array_equal(uncertain, still_uncertain)
+    np.testing.assert_array_equal(left[uncertain == 1], 1.0)
+    np.testing.assert_array_equal(left[uncertain == 0], found[uncertain == 0])
+    assert 0.0 < uncertain.mean() < 0.9
+
+
+def test_scattered_points_get_what_the_image_got(tori):
+    stage, emitter, surface = tori
+    maps = tori_maps(tori, resolution=512)
+    image, _ = tori_visibility(tori, maps)
+    order = np.random.default_rng(2).permutation(image.size)
+    scattered = [np.ascontiguousarray(a.reshape(-1, 3)[order]) for a in surface]
+    found, _ = kernels.soft_shadow_bitmask(*scattered, stage.origin, emitter.packed(), maps)
+    np.testing.assert_array_equal(found, image.ravel()[order])
+
+
+def test_cancelling_stops_it(tori):
+    cancel = kernels.CancelFlag()
+    maps = tori_maps(tori, resolution=256)
+    cancel.set()
+    with pytest.raises(kernels.Cancelled):
+        tori_visibility(tori, maps, cancel=cancel)
+    with pytest.raises(kernels.Cancelled):
+        kernels.soft_shadow_prepare(np.ones((2, 64, 64), np.float32), lamp_view().packed(), cancel=cancel)
+
+
+def lamp_view():
+    return View((0.0, 0.0, 4.0), *DOWN, (-1.0, 1.0, -1.0, 1.0), 0.1, 10.0)
+
+
+@pytest.mark.parametrize("shape", [(1, 8, 8), (2, 0, 8), (2, 8, 0)])
+def test_maps_of_useless_shape_are_refused(shape):
+    with pytest.raises(ValueError, match="layers and sides"):
+        kernels.soft_shadow_prepare(np.ones(shape, np.float32), lamp_view().packed())
+
+
+def test_negative_biases_and_mismatched_points_are_refused():
+    depths = np.ones((2, 8, 8), np.float32)
+    with pytest.raises(ValueError, match="negative"):
+        kernels.soft_shadow_prepare(depths, lamp_view().packed(), -1.0)
+    points, normals = np.zeros((4, 3), np.float32), np.zeros((5, 3), np.float32)
+    with pytest.raises(ValueError, match="normals"):
+        kernels.soft_shadow_bitmask(points, normals, normals, np.zeros(3), lamp().packed(), [])
