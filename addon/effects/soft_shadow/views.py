@@ -106,8 +106,10 @@ def _nested_views(
             left_out.append((f"window within slopes of {limit:.1f}", reason))
         else:
             windows.append((_intersection(inner[0], tight), *inner[1:]))
-    if not windows or _area(whole[0]) > SPARE * _area(windows[-1][0]):
-        windows.append(whole)
+    # The last window is always that of all casters: in place of the receivers' where it is hardly larger.
+    if windows and _area(whole[0]) <= SPARE * _area(windows[-1][0]):
+        windows.pop()
+    windows.append(whole)
     views = [
         (f"wide {number}" if number else "", View(emitter.centre, *axes, window, near, far))
         for number, (window, near, far) in enumerate(windows)
