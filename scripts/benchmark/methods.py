@@ -24,15 +24,14 @@ class Effect:
     values: dict
     visibility: np.ndarray = field(init=False)
 
-    def __post_init__(self):
-        self.graph = self.case.planned(self.values)
-
     def __call__(self) -> dict[str, float]:
-        """Seconds by step, and `total` of all but the common ones."""
-        outline = self.case.outline
+        """Seconds by step, a bake's coarse look among them, and `total` of all but the common ones."""
+        geometry = self.case.device.geometry()
+        started = time.perf_counter()
+        outline, graph = self.case.looked(geometry, self.values)
+        seconds = {"look": time.perf_counter() - started}
         executor = Executor(self.case.device, self.case.device)
-        drain(executor.run(self.graph, Sampling(*outline.size, 1, outline.pixel_filter)))
-        seconds: dict[str, float] = {}
+        drain(executor.run(graph, Sampling(*outline.size, 1, outline.pixel_filter)))
         for timing in executor.execution.timings.values():
             name = timing.node.step.name.removeprefix("soft_shadow/")
             seconds[name] = seconds.get(name, 0.0) + timing.seconds

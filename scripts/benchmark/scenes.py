@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import bpy
@@ -15,6 +15,7 @@ from strata.addon.core.outline import Light, Outline
 from strata.addon.core.recorder import plan
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.registry import effect_named
+from strata.addon.effects.shared.look import seen_boxes
 from strata.addon.scene.extract import extract
 from strata.addon.scene.render_depsgraph import with_render_depsgraph
 from strata.addon.scene.scan import ScanOptions, scan
@@ -59,9 +60,12 @@ class Case:
     def light(self, name: str) -> Light:
         return next(light for light in self.outline.lights if light.name == name)
 
-    def planned(self, values: dict) -> Graph:
-        """The plan with other settings."""
-        return plan(self.outline, {SOFT_SHADOW: SOFT_SHADOW.params.checked("soft_shadow", values)})
+    def looked(self, geometry, values: dict) -> tuple[Outline, Graph]:
+        """The outline after a coarse look, as a bake takes it, and its plan with these settings."""
+        visible = self.graph.surface.params["visible"]
+        seen = seen_boxes(self.device, geometry, self.outline, visible)
+        outline = replace(self.outline, seen=seen)
+        return outline, plan(outline, {SOFT_SHADOW: SOFT_SHADOW.params.checked("soft_shadow", values)})
 
 
 def read(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Case:
