@@ -10,7 +10,7 @@ void backproject_bands(Seen seen, Search search, inout Bits hidden)
   // With texels of level 0, this far above the point the light covers params.settings.x of them.
   float unit = sqrt(params.settings.x / light);
   float above_to = INFINITE;
-  for (int level = int(params.bias.z) - 1; level >= 0; level--) {
+  for (int level = int(params.bias.z) - 1; level >= 0 && !all_hidden(hidden); level--) {
     float above_from = level == 0 ? 0.0 : 0.5 * unit * float(1 << level);
     Region region;
     if (search.above > above_from && around(search, min(search.above, above_to), level, region)) {

@@ -30,6 +30,11 @@ Bits horizon(Seen seen)
   return hidden;
 }
 
+bool all_hidden(Bits hidden)
+{
+  return (hidden.low & hidden.high) == uvec4(0xffffffffu);
+}
+
 bool none_hidden(Bits hidden)
 {
   return (hidden.low | hidden.high) == uvec4(0u);

@@ -15,7 +15,8 @@ from .params import Method
 
 FOLDER = "effects/soft_shadow"
 SAMPLES = 256
-SMALLEST_LEVEL = 16  # texels: no level of a map is smaller (prepare.rs)
+BLOCK = 8  # texels a side (prepare.rs)
+SMALLEST_LEVEL = 2 * BLOCK  # texels: no level of a map is smaller
 LARGEST = 3.0e38  # stands for infinity where 0 times it must be 0
 SHARPEST = 1e30  # a hard edge (light.rs)
 ROUND_KINDS = (EmitterKind.SPHERE, EmitterKind.FACING_DISK)
@@ -39,6 +40,12 @@ PYRAMID_BASE = Shader(
 )
 PYRAMID = Shader(
     f"{FOLDER}/pyramid.glsl", images=(("pyramid", "RG32F", "READ_WRITE"),), params=(*MAP_PARAMS, "level")
+)
+BLOCKS = Shader(
+    f"{FOLDER}/blocks.glsl",
+    samplers=(("texels", "UINT_2D"),),
+    images=(("blocks", "RGBA32UI", "WRITE"),),
+    params=(*MAP_PARAMS, "level"),
 )
 FIRST_ROWS = Shader(f"{FOLDER}/first_rows.glsl", images=(("rows", "RGBA32UI", "WRITE"),))
 LIGHT_PARAMS = (
@@ -94,17 +101,18 @@ def _light_defines(emitter: Emitter, orthographic: bool) -> tuple[str, ...]:
 def _backproject_variant(defines: tuple[str, ...], method: str) -> Shader:
     """`method`: a Method's value, or "unmapped"."""
     shader = BACKPROJECT.defining(*defines)
-    of_map, rows = (("texels", "UINT_2D"), ("pyramid", "FLOAT_2D")), (("first_rows", "UINT_2D"),)
+    of_map = (("texels", "UINT_2D"), ("pyramid", "FLOAT_2D"))
+    of_bitmask = (("blocks", "UINT_2D"), ("first_rows", "UINT_2D"))
     if method == "unmapped":
         return shader.defining("UNMAPPED")
     if method == Method.AREA.value:
         return replace(shader.defining("AREA"), samplers=(*shader.samplers, *of_map))
-    return replace(shader, samplers=(*shader.samplers, *of_map, *rows))
+    return replace(shader, samplers=(*shader.samplers, *of_map, *of_bitmask))
 
 
 def variants() -> Iterator[Shader]:
     """Every program that these steps may compile."""
-    yield from (COARSER, PYRAMID, FIRST_ROWS, RECEIVERS)
+    yield from (COARSER, PYRAMID, BLOCKS, FIRST_ROWS, RECEIVERS)
     for orthographic in (False, True):
         yield _map_variant(PREPARE, orthographic)
         yield _map_variant(PYRAMID_BASE, orthographic)
@@ -155,7 +163,13 @@ def prepare(device, depth, view: View, gradient_scale: float, gradient_cap_m: fl
     for level in range(1, nodes):
         size = -(-width // (1 << level)), -(-height // (1 << level))
         device.dispatch(PYRAMID, size, {"pyramid": pyramid}, {}, params | {"level": (level,)})
-    return {"texels": texels, "pyramid": pyramid, "view": view, "params": params}
+    across, along = -(-width // BLOCK), -(-height // BLOCK)
+    # In map.glsl's layout a level may start a block later than the halves before it end.
+    blocks = device.new_image((layers * (along + along // 2 + 1), across + levels, 4), np.uint32)
+    for level in range(levels):
+        size = -(-(width >> level) // BLOCK), -(-(height >> level) // BLOCK) * layers
+        device.dispatch(BLOCKS, size, {"blocks": blocks}, {"texels": texels}, params | {"level": (level,)})
+    return {"texels": texels, "pyramid": pyramid, "blocks": blocks, "view": view, "params": params}
 
 
 def backproject(
@@ -186,7 +200,7 @@ def backproject(
             params |= {"size": size, "settings": (*settings, index)}
             window = _window_params(view, prepared["params"]["map"])
             params |= window | {"window_high": (*window["window_high"], len(maps), leave_uncertain)}
-            bound = samplers | {name: prepared[name] for name in ("texels", "pyramid")}
+            bound = samplers | {name: prepared[name] for name in ("texels", "pyramid", "blocks")}
             if run == "choose":
                 device.dispatch(CHOOSE.defining(*defines), size, {"choice": choice}, bound, params)
             else:

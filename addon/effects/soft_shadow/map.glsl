@@ -5,7 +5,9 @@
 //
 // `texels` has a cell a layer, params.map.w cells side by side. Level 0 of a cell is w x h; above it lie the
 // coarser levels in a row, so that a cell is h / 2 higher. A texel holds the bits of its rise, and its tilt.
-// `pyramid` is one such cell of (largest rise, largest biased rise), its sizes rounded up.
+// `pyramid` is one such cell of (largest rise, largest biased rise), its sizes rounded up. `blocks` has cells above each
+// other, with levels in blocks of texels: the bits of the highest and the lowest rise, of the rise in the middle of a
+// plane that just clears the highest, and that plane's tilt.
 #include "tables.glsl"
 
 #define EMPTY uintBitsToFloat(0xff800000u)
@@ -66,6 +68,20 @@ ivec2 node_place(int level)
 {
   ivec2 size = map_size();
   return level == 0 ? ivec2(0) : ivec2(size.x - (size.x >> (level - 1)) + level - 1, size.y);
+}
+
+const int BLOCK = 8;
+
+ivec2 block_count(int level)
+{
+  return (level_size(level) + BLOCK - 1) / BLOCK;
+}
+
+ivec2 block_place(int layer, int level)
+{
+  ivec2 size = block_count(0);
+  ivec2 cell = ivec2(0, (size.y + (size.y >> 1) + 1) * layer);
+  return level == 0 ? cell : cell + ivec2(size.x - (size.x >> (level - 1)) + level - 1, size.y);
 }
 
 // Bias as a difference of rise: how far above a point a surface must be to shadow it. To first order
