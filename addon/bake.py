@@ -11,7 +11,7 @@ import numpy as np
 
 from .core.arrays import Arrays
 from .core.effect import Effect
-from .core.errors import StrataError
+from .core.errors import Cancelled, StrataError
 from .core.executor import Executor
 from .core.graph import Graph, PlannedLayer
 from .core.layers import Layer, LayerSet
@@ -93,6 +93,7 @@ class BakeJob:
         self._read_seconds = read_seconds
         self._look_seconds = 0.0
         self._result: Baked | None = None
+        self._failure: BaseException | None = None
         self._work = self._run()
 
     @property
@@ -107,7 +108,13 @@ class BakeJob:
         """Works on; True when the result is there. Raises Cancelled, or what went wrong."""
         end = time.perf_counter() + budget_seconds
         while self._result is None and time.perf_counter() < end:
-            next(self._work, None)
+            if self._failure is not None:
+                raise self._failure
+            try:
+                next(self._work, None)
+            except BaseException as failure:
+                self._failure = failure
+                raise
         return self._result is not None
 
     def result(self) -> Baked:
@@ -159,9 +166,14 @@ class BakeJob:
         from .effects.shared.steps import ray_accelerator
 
         device = self.devices.fallback
+        if device.cancel_flag.is_set():
+            raise Cancelled()
         accelerator = executor.value(ray_accelerator(self.outline), device)
-        rays = CpuRays(accelerator, np.array(self.outline.view.eye))
-        return measurement.measure(layer, rays, device.instance_mask(layer.casters))
+        rays = CpuRays(accelerator, np.array(self.outline.view.eye), device.cancel_flag)
+        try:
+            return measurement.measure(layer, rays, device.instance_mask(layer.casters))
+        except device.cancelled:
+            raise Cancelled() from None
 
     def _finished(self, executor: Executor, errors: dict, seconds: float) -> Baked:
         outline, execution = self.outline, executor.execution
@@ -203,6 +215,8 @@ class BakeJob:
             compile_seconds=self.devices.primary.compile_seconds,
             steps=steps,
             images=execution.images,
+            spread=execution.spread,
+            samples=self.options.samples,
             costs=costs,
             errors=errors,
             warnings=[*self._warnings, *execution.warnings],
@@ -248,7 +262,9 @@ def read_scene(
 
     def look(depsgraph) -> tuple[Outline, Graph, Arrays, float]:
         started = time.perf_counter()
-        found = scan(depsgraph, ScanOptions(size=size, camera=camera.name if camera else None))
+        found = scan(
+            depsgraph, ScanOptions(size=size, camera=camera.name if camera else None, seed=options.seed)
+        )
         graph = plan_scene(found.outline, options)
         arrays = extract(found, graph.wants, graph.instances)
         return found.outline, graph, arrays, time.perf_counter() - started

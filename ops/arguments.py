@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from ..addon.core.errors import StrataError
 
 MOST_FRAMES = 100_000
-LARGEST_SIDE = 65_536
+LARGEST_SIDE = 32_768
 
 
 class Parser(argparse.ArgumentParser):

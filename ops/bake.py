@@ -111,10 +111,13 @@ class STRATA_OT_bake(bpy.types.Operator):
 
     def _write(self, baked: Baked) -> None:
         """On the worker thread: nothing of Blender may be touched here."""
-        if self._path:
+        if self._path and baked.layers.layers:
             write_layers(self._path, baked.layers)
 
     def _finished(self, baked: Baked):
+        if not baked.layers.layers:
+            self.report({"WARNING"}, "Nothing to bake: no shadow falls on what the camera sees")
+            return {"CANCELLED"}
         if self._wants_images:
             make_images(baked.layers)
         STATE.report, STATE.report_of = baked.layers.report, self._scene_id

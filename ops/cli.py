@@ -223,6 +223,10 @@ def _bake_frame(
         baked = run_to_end(job, lambda baked: _write(arguments, frame, baked), show)
     finally:
         progress.clear()
+    if reason := nothing_to_bake(job.graph):  # a closer look may leave out what boxes could not
+        if not arguments.quiet:
+            print(f"strata: frame {frame}: {reason}", file=sys.stderr)
+        return
     if not arguments.quiet:
         print(format_table(baked.report), file=out)
         print(f"wrote {arguments.output.path(frame)}", file=out)
@@ -233,6 +237,8 @@ def _write(arguments: argparse.Namespace, frame: int, baked) -> None:
     from ..addon.layers.exr import write_layers
     from ..addon.layers.files import replaced
 
+    if not baked.layers.layers:
+        return
     write_layers(arguments.output.path(frame), baked.layers)
     if arguments.report:
         text = json.dumps(baked.layers.report, indent=1, ensure_ascii=False, allow_nan=False)

@@ -7,9 +7,10 @@ import closed_forms
 import numpy as np
 import pytest
 import strata_kernels as kernels
+from strata.addon.core.device import ShadowLight
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.surface import SurfacePoints
-from strata.addon.effects.soft_shadow.reference import ShadowLight, evaluate
+from strata.addon.effects.soft_shadow.reference import evaluate
 
 AXES = {"right": (1.0, 0.0, 0.0), "up": (0.0, 1.0, 0.0), "forward": (0.0, 0.0, -1.0)}
 LIGHTS = [

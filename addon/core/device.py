@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -34,6 +35,14 @@ class Device(Protocol):
 
     def release(self, value: Any) -> None:
         """Frees what the value holds on the device."""
+
+
+@dataclass(frozen=True)
+class ShadowLight:
+    """A light and what can shadow it: `casters` (instances,) uint8, or None for everything."""
+
+    emitter: Emitter
+    casters: np.ndarray | None = None
 
 
 class RayCaster(Protocol):

@@ -31,8 +31,8 @@ class LayerKind:
 @dataclass(frozen=True)
 class Effect:
     """`id` is the folder's name. `run(recorder, outline, params)` records steps; `needed(outline)` gives the
-    reason why the scene does not need the effect, or None; `reference(rays, outline, layer, points, seed)`
-    is the slow, independent truth that probes are scored against (addon/measure)."""
+    reason why the scene does not need the effect, or None; `reference(rays, light, points, samples,
+    seed)` is the slow, independent truth that probes are scored against (addon/measure)."""
 
     id: str
     title: str

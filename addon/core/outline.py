@@ -16,6 +16,7 @@ from .errors import StrataError
 from .view import Vector, View
 
 Colour = tuple[float, float, float]
+LARGEST_SIDE = 32_768  # pixels; the rasteriser counts 1/256 pixels in 32 bits
 
 
 @dataclass(frozen=True)
@@ -249,6 +250,8 @@ class Outline:
     def __post_init__(self):
         if min(self.size) < 1:
             raise StrataError(f"scene '{self.scene_name}': the image has no pixels")
+        if max(self.frame_size) > LARGEST_SIDE:
+            raise StrataError(f"an image of {max(self.frame_size)} pixels a side: at most {LARGEST_SIDE}")
 
     @property
     def size(self) -> tuple[int, int]:

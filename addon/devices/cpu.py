@@ -81,14 +81,15 @@ def triangulate(mesh: MeshArrays) -> tuple[np.ndarray, np.ndarray]:
 class CpuRays:
     """A RayCaster over a kernel's bounding volume hierarchy."""
 
-    def __init__(self, accel: strata_kernels.Accel, origin: np.ndarray):
+    def __init__(self, accel: strata_kernels.Accel, origin: np.ndarray, cancel_flag=None):
         self.accel = accel
         self.origin = origin
+        self.cancel_flag = cancel_flag
 
     def occluded(
         self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray
     ) -> np.ndarray:
-        return self.accel.occluded(casters, origins, directions, t_max)
+        return self.accel.occluded(casters, origins, directions, t_max, cancel=self.cancel_flag)
 
     def screen(self, casters: np.ndarray, emitter: Emitter, points: SurfacePoints, seed: int) -> np.ndarray:
         """(N, 2) uint8: two independent one-ray estimates of each point's visibility, 0 or 1."""
@@ -101,6 +102,7 @@ class CpuRays:
             points.geometric_normal,
             points.shading_normal,
             seed,
+            cancel=self.cancel_flag,
         )
 
     def irradiance(self, emitter: Emitter, points: SurfacePoints) -> np.ndarray:

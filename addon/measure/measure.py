@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core.device import RayCaster
+from ..core.device import RayCaster, ShadowLight
 from ..core.effect import LayerKind, Metric
 from ..core.graph import Graph, PlannedLayer
 from ..core.outline import Outline
 from ..core.random import hash_bits, text_bits
 from ..core.surface import Chunk
 from ..effects.registry import effect_named
-from ..effects.soft_shadow.reference import ShadowLight
 from .probes import ProbeCollector, Watched
 from .report import LayerError
 from .visibility import measure_visibility

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...core.culling import around, boxes_of
 from ...core.outline import Outline
 from ...core.surface import Chunk
 from .steps import SURFACE
@@ -20,10 +21,12 @@ MARGIN, REACH = 0.25, 2.0
 
 def seen_boxes(device, geometry, outline: Outline, visible: frozenset[int]) -> np.ndarray:
     """(M, 2, 3) float64 boxes, world space, around the points of the instances `visible` that the camera
-    sees, a tile of the image each. `device` is the CPU, `geometry` its handle."""
+    sees, a tile of the image each; and the boxes of instances that the look hit nowhere, since they may be
+    too thin for it, unless they are larger than all that was hit: those are hidden. `device` is the CPU,
+    `geometry` its handle."""
     width, height = (-(-side // COARSER) for side in outline.computed_size)
     chunk = Chunk(width, height, 0, height, 0, (0.0, 0.0))
-    attributes = frozenset({"position", "depth"})
+    attributes = frozenset({"position", "depth", "instance"})
     surface = SURFACE.cpu(
         device, geometry, view=outline.view, visible=visible, chunk=chunk, attributes=attributes
     )
@@ -42,4 +45,10 @@ def seen_boxes(device, geometry, outline: Outline, visible: frozenset[int]) -> n
                 scale = 1.0 if outline.view.orthographic else float(depth[hit].max())
                 margin = MARGIN * (high - low) + REACH * (right - left) / width * scale
                 boxes.append((eye + low - margin, eye + high + margin))
-    return np.array(boxes, np.float64).reshape(-1, 2, 3)
+    if not boxes:
+        return np.zeros((0, 2, 3))
+    boxes = np.array(boxes, np.float64)
+    missed = sorted(visible - set(np.unique(surface["instance"]).tolist()))
+    thin = boxes_of(outline)[missed]
+    size = np.ptp(around(boxes), axis=0).max()
+    return np.concatenate([boxes, thin[np.ptp(thin, axis=1).max(axis=1) <= size]])

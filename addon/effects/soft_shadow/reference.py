@@ -8,11 +8,10 @@ forms in tests/test_reference.py.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.device import RayCaster
+from ...core.device import RayCaster, ShadowLight
 from ...core.emitter import Emitter, EmitterKind
 from ...core.surface import SurfacePoints
 
@@ -20,14 +19,6 @@ from ...core.surface import SurfacePoints
 # them by; a pixel is some hundred times larger.
 LIFT = 2.0**-17
 RAYS_AT_ONCE = 1 << 16  # bounds the memory of the arrays and keeps them in the cache
-
-
-@dataclass(frozen=True)
-class ShadowLight:
-    """A light and what can shadow it: `casters` (instances,) uint8, or None for everything."""
-
-    emitter: Emitter
-    casters: np.ndarray | None = None
 
 
 def evaluate(

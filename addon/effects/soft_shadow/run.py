@@ -109,7 +109,7 @@ def _record_light(recorder, outline, params, index, casters, seen, receivers, bo
             emitter=light.emitter,
             casters=casters,
             rays=params.rays,
-            seed=outline.seed,
+            seed=(outline.seed + 0x9E3779B9 * (index + 1)) & 0xFFFFFFFF,
         )
     visibility = recorder.step(steps.VISIBILITY, shadow, instance=light.name)
     if light.receivers is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zlib
+
 import numpy as np
 
 from ...core.graph import Step
@@ -42,6 +44,8 @@ def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, see
             np.ascontiguousarray(surface[name].reshape(-1, 3)[chosen])
             for name in ("position", "geometric_normal", "shading_normal")
         ]
+        # Every tile and sample has its own points, so that what their bits are tells them apart.
+        own = zlib.crc32(points[0])
         traced, _ = device.kernels.ray_visibility(
             accelerator,
             device.instance_mask(casters),
@@ -49,7 +53,7 @@ def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, see
             np.array(eye),
             *points,
             rays,
-            seed,
+            seed << 32 | own,
             cancel=device.cancel_flag,
         )
         visibility.reshape(-1)[chosen] = traced
