@@ -112,6 +112,9 @@ class BakeJob:
                 raise self._failure
             try:
                 next(self._work, None)
+            except (*self.devices.primary.cancelled, *self.devices.fallback.cancelled):
+                self._failure = Cancelled()
+                raise self._failure from None
             except BaseException as failure:
                 self._failure = failure
                 raise
@@ -170,10 +173,7 @@ class BakeJob:
             raise Cancelled()
         accelerator = executor.value(ray_accelerator(self.outline), device)
         rays = CpuRays(accelerator, np.array(self.outline.view.eye), device.cancel_flag)
-        try:
-            return measurement.measure(layer, rays, device.instance_mask(layer.casters))
-        except device.cancelled:
-            raise Cancelled() from None
+        return measurement.measure(layer, rays, device.instance_mask(layer.casters))
 
     def _finished(self, executor: Executor, errors: dict, seconds: float) -> Baked:
         outline, execution = self.outline, executor.execution

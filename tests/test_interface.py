@@ -43,8 +43,8 @@ def check_bake_from_the_sidebar(backend, archive, display, tmp_path):
     assert found["started"]
     assert found["plan"]
     assert "%" in found["drawn while baking"]
-    # 0.2 s where the machine has nothing else to do; one that draws its window in software as well has.
-    assert found["seconds to cancel"] < 1.0
+    # tests/test_job.py times the stop itself; here the window is drawn in software in between.
+    assert found["seconds to cancel"] < 3.0
     assert found["images after cancel"] == []
     assert found["layers"] == [layer.name for layer in layers.layers]
     assert found["images"] == sorted(found["layers"])
