@@ -152,6 +152,8 @@ class Executor:
         extra: dict[str, Any] = {}
         if self._graph is not None and node == self._graph.surface:
             extra = {"chunk": self._chunk, "attributes": self._graph.surface_attributes}
+        elif node.step.told_chunk:
+            extra = {"chunk": self._chunk}
         started = time.perf_counter()
         compiling = device.compile_seconds
         try:

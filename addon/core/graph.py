@@ -17,6 +17,7 @@ class Step:
     `cpu` and `gpu` are called as `twin(device, *inputs, **params)` and return the node's value. A missing
     twin is a hole, and `hole` says why; the executor then moves the node to the other device.
     `per_surface`: it reads shading points, so it runs once for each tile and sample.
+    `told_chunk`: its twins get the tile and sample too, as `chunk` (core/surface.py).
     `copyable`: its value can be moved between devices; if not, the step runs again where it is wanted.
     """
 
@@ -26,6 +27,7 @@ class Step:
     hole: str = ""
     per_surface: bool = False
     copyable: bool = True
+    told_chunk: bool = False
 
     def twin(self, device_name: str) -> Callable | None:
         return self.cpu if device_name == "cpu" else self.gpu

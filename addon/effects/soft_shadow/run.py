@@ -8,6 +8,7 @@ from ...core.culling import around, boxes_of, casters_into, lights_region, recei
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
 from ...core.outline import Light, Outline
+from ...core.random import hash_bits
 from ...core.recorder import Recorder
 from ..shared import steps as shared
 from . import steps
@@ -109,7 +110,7 @@ def _record_light(recorder, outline, params, index, casters, seen, receivers, bo
             emitter=light.emitter,
             casters=casters,
             rays=params.rays,
-            seed=(outline.seed + 0x9E3779B9 * (index + 1)) & 0xFFFFFFFF,
+            seed=int(hash_bits(outline.seed, outline.frame, index)),
         )
     visibility = recorder.step(steps.VISIBILITY, shadow, instance=light.name)
     if light.receivers is not None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import zlib
-
 import numpy as np
 
 from ...core.graph import Step
+from ...core.random import hash_bits
 from . import gpu_steps
 from .params import Method
 
@@ -36,7 +35,7 @@ def _backproject(device, surface, *maps, eye, emitter, method, max_samples, refi
     return {"visibility": visibility, "uncertain": uncertain}
 
 
-def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, seed):
+def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, seed, chunk):
     visibility = shadow["visibility"].copy()
     chosen = np.flatnonzero(shadow["uncertain"])
     if len(chosen):
@@ -44,8 +43,8 @@ def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, see
             np.ascontiguousarray(surface[name].reshape(-1, 3)[chosen])
             for name in ("position", "geometric_normal", "shading_normal")
         ]
-        # Every tile and sample has its own points, so that what their bits are tells them apart.
-        own = zlib.crc32(points[0])
+        # Tiles and samples are told apart, the same way on every device.
+        own = int(hash_bits(seed, chunk.y0, chunk.sample))
         traced, _ = device.kernels.ray_visibility(
             accelerator,
             device.instance_mask(casters),
@@ -53,7 +52,7 @@ def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, see
             np.array(eye),
             *points,
             rays,
-            seed << 32 | own,
+            own,
             cancel=device.cancel_flag,
         )
         visibility.reshape(-1)[chosen] = traced
@@ -74,7 +73,7 @@ PREPARE = Step("soft_shadow/prepare", cpu=_prepare, gpu=gpu_steps.prepare, copya
 # Texels projected back onto the light from every shading point (thesis eq. 5.3).
 BACKPROJECT = Step("soft_shadow/backproject", cpu=_backproject, gpu=gpu_steps.backproject)
 # Rays for the points that the map is unsure of.
-RAYS = Step("soft_shadow/rays", cpu=_rays, hole="rays live on the CPU only")
+RAYS = Step("soft_shadow/rays", cpu=_rays, hole="rays live on the CPU only", told_chunk=True)
 VISIBILITY = Step("soft_shadow/visibility", cpu=_visibility, gpu=gpu_steps.visibility)
 # Instances that the light does not light stay as they are (light linking).
 RECEIVERS = Step("soft_shadow/receivers", cpu=_receivers, gpu=gpu_steps.receivers)
