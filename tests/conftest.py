@@ -45,3 +45,19 @@ def archive() -> Path:
     subprocess.run([sys.executable, ROOT / "scripts" / "build_extension.py"], check=True)
     (found,) = (ROOT / "dist").glob("strata-*-linux_x64.zip")
     return found
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session, exitstatus):
+    session.config.exit_code = int(exitstatus)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config):
+    """Ends the process before Python takes Blender's module apart: with a GPU context and hundreds of opened
+    files behind it that has crashed after the last test. Exit codes of real runs are tested in processes of
+    their own (test_cli.py)."""
+    if hasattr(config, "exit_code"):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(config.exit_code)
