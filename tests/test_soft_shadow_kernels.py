@@ -138,32 +138,6 @@ def test_reading_every_texel_leaves_only_the_samples_and_the_resolution():
     assert against_closed_form(emitter, plates, ground_points(count=31), extra, settings=(1 << 20, 2)) < 0.003
 
 
-def test_a_point_in_a_small_window_sees_the_occluders_beside_it():
-    # A plate close to the lamp, beside the small window around the points, is known to the wide map alone
-    # but hides a part of the lamp from points within.
-    plates = [
-        plate(0.28, 0.5, -0.3, 0.3, 3.5),
-        plate(-0.8, -0.7, -0.8, 0.8, 0.3),
-        plate(0.7, 0.8, -0.8, 0.8, 0.3),
-    ]
-    emitter, points, normals = lamp(half=(0.5, 0.5)), ground_points(half=0.6, count=15), np.float32(UP)
-    truth, weight = closed_forms.visibility(emitter, points, np.tile(UP, (len(points), 1)), plates)
-    stage = Stage([GROUND, *plates])
-    maps = [
-        kernels.soft_shadow_prepare(
-            kernels.layered_depth(stage.geometry, stage.everything(), view.packed(), 3, 1024, 1024),
-            view.packed(),
-        )
-        for view in (
-            View((0.0, 0.0, 4.0), *DOWN, (-0.22, 0.22, -0.22, 0.22), 0.01, 5.0),
-            View((0.0, 0.0, 4.0), *DOWN, (-0.3, 1.05, -0.65, 0.65), 0.01, 5.0),
-        )
-    ]
-    found, _ = stage.visibility(emitter, points, normals, maps=maps)
-    # Choosing the small map whenever its own occluders fit gave .10; the wide map alone gives .007.
-    assert weighted_rmse(found, truth, weight) < 0.012
-
-
 def test_the_penumbra_of_a_suns_edge_is_as_wide_as_the_sun():
     sun = lamp(EmitterKind.DISTANT_DISK, half=(0.05, 0.05))
     x = np.linspace(-0.15, 0.15, 61)

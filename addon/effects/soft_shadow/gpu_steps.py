@@ -56,15 +56,8 @@ LIGHT_PARAMS = (
 )
 CHOOSE = Shader(
     f"{FOLDER}/choose.glsl",
-    samplers=(("position", "FLOAT_2D"), ("pyramid", "FLOAT_2D"), ("above", "FLOAT_2D")),
-    images=(("choice", "R32UI", "READ_WRITE"),),
-    params=LIGHT_PARAMS,
-)
-WIDEST = Shader(
-    f"{FOLDER}/choose.glsl",
-    defines=("WIDEST",),
     samplers=(("position", "FLOAT_2D"), ("pyramid", "FLOAT_2D")),
-    images=(("above", "R32F", "WRITE"),),
+    images=(("choice", "R32UI", "READ_WRITE"),),
     params=LIGHT_PARAMS,
 )
 BACKPROJECT = Shader(
@@ -133,7 +126,6 @@ def variants() -> Iterator[Shader]:
             emitter = Emitter(kind, (0.0, 0.0, 0.0), *axes, 1.0, 1.0, spread, cone)
             defines = _light_defines(emitter, kind == EmitterKind.DISTANT_DISK)
             yield CHOOSE.defining(*defines)
-            yield WIDEST.defining(*defines)
             for method in (Method.AREA.value, Method.BITMASK.value, "unmapped"):
                 yield _backproject_variant(defines, method)
 
@@ -190,7 +182,7 @@ def backproject(
     shape = position.shape[:2]
     size = shape[::-1]
     visibility, uncertain = device.new_image(shape), device.new_image(shape, np.uint8)
-    choice, above = device.new_image(shape, np.uint32), device.new_image(shape)
+    choice = device.new_image(shape, np.uint32)
     device.clear(visibility, 1.0)
     device.clear(uncertain, 0)
     device.clear(choice, 0)
@@ -199,10 +191,9 @@ def backproject(
     leave_uncertain = float(method == Method.HYBRID.value)  # rays will replace it
     outputs = {"visibility": visibility, "uncertain": uncertain}
     samplers = {name: surface[name] for name in ("position", "geometric_normal", "shading_normal")}
-    samplers |= {"choice": choice, "above": above, "first_rows": _first_rows(device)}
-    numbered = list(enumerate(maps))
-    for run, chosen in (("widest", numbered[-1:]), ("choose", numbered), (method, numbered)):
-        for index, prepared in chosen:
+    samplers |= {"choice": choice, "first_rows": _first_rows(device)}
+    for run in ("choose", method):
+        for index, prepared in enumerate(maps):
             view = prepared["view"]
             defines = _light_defines(emitter, view.orthographic)
             params = prepared["params"] | _light_params(emitter, view, eye)
@@ -210,9 +201,7 @@ def backproject(
             window = _window_params(view, prepared["params"]["map"])
             params |= window | {"window_high": (*window["window_high"], len(maps), leave_uncertain)}
             bound = samplers | {name: prepared[name] for name in ("texels", "pyramid", "blocks")}
-            if run == "widest":
-                device.dispatch(WIDEST.defining(*defines), size, {"above": above}, bound, params)
-            elif run == "choose":
+            if run == "choose":
                 device.dispatch(CHOOSE.defining(*defines), size, {"choice": choice}, bound, params)
             else:
                 device.dispatch(_backproject_variant(defines, method), size, outputs, bound, params)
@@ -223,7 +212,7 @@ def backproject(
             params |= {"size": size, "settings": (*settings, -1)}
             params |= {"window_high": (0.0, 0.0, len(maps), leave_uncertain)}
             device.dispatch(shader, size, outputs, samplers, params)
-    device.release((choice, above))
+    device.release(choice)
     return outputs
 
 

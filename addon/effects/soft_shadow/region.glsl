@@ -71,3 +71,10 @@ bool start_search(Seen seen, out Search search)
   }
   return true;
 }
+
+// Whether the whole region lies on the map.
+bool is_inside(Search search)
+{
+  Region region;
+  return !around(search, search.above, 0, region) || !region.clipped;
+}

@@ -4,7 +4,7 @@ use super::doubt::near_contact;
 use super::light::{Light, Seen};
 use super::plain::Bits;
 use super::prepare::PreparedMap;
-use super::region::{Search, holds, unit};
+use super::region::{Search, unit};
 use super::simd::{Vector, Work, run_widest};
 use super::tile::{self, Candidates, Open};
 use super::{area, fast, plain};
@@ -293,25 +293,14 @@ impl Scene<'_> {
                 whole,
             });
         }
-        // Of nested maps only the widest knows the nearest occluder: beside a smaller window there may be one
-        // nearer to the light than all it holds. Cube faces share nothing and each answers for itself.
-        let above_in = |map: &PreparedMap, seen: &Seen| {
-            Search::new(map, seen, self.settings.refinements).map(|search| search.above())
-        };
-        let widest = self.maps.last().filter(|_| !self.in_faces);
-        let widest = widest.and_then(|(light, map)| above_in(map, &see(light)?));
         let (mut best, mut best_rank) = (None, 0);
         for (number, (light, map)) in self.maps.iter().enumerate() {
             let Some(seen) = see(light) else { continue };
             let [left, right, bottom, top] = map.view.window;
             let (x, y) = (seen.window_x, seen.window_y);
             let holds_point = left <= x && x <= right && bottom <= y && y <= top;
-            let above = if self.in_faces {
-                above_in(map, &seen)
-            } else {
-                widest
-            };
-            let whole = holds_point && above.is_none_or(|above| holds(map, &seen, above));
+            let search = Search::new(map, &seen, self.settings.refinements);
+            let whole = holds_point && search.is_none_or(|search| search.is_inside());
             let rank = 1 + i32::from(holds_point) + i32::from(whole);
             if rank >= best_rank {
                 best_rank = rank;

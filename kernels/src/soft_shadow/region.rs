@@ -80,9 +80,9 @@ impl<'a> Search<'a> {
         Some(search)
     }
 
-    /// How far above the point the nearest occluder may be.
-    pub fn above(&self) -> f32 {
-        self.above
+    /// Whether the whole region lies on the map.
+    pub fn is_inside(&self) -> bool {
+        self.around(self.above, 0).is_none_or(|(_, clipped)| !clipped)
     }
 
     /// One region, on a level coarse enough for `max_samples` texels.
@@ -162,16 +162,6 @@ impl<'a> Search<'a> {
         }
         nearest
     }
-}
-
-/// Whether the map's window holds all that can hide the light from the point, up to a rise `above` it.
-pub fn holds(map: &PreparedMap, seen: &Seen, above: f32) -> bool {
-    let [left, right, bottom, top] = map.view.window;
-    let reach = seen.bounds.map(|side| f64::from(side) * f64::from(above));
-    left <= seen.window_x + reach[0]
-        && seen.window_x + reach[1] <= right
-        && bottom <= seen.window_y + reach[2]
-        && seen.window_y + reach[3] <= top
 }
 
 /// The rise above a point at which the light covers `max_samples` texels of level 0.
