@@ -89,7 +89,7 @@ class BakeJob:
             device.set_scene(outline, arrays)
         self.progress = 0.0
         self.stage = "Starting"
-        self._warnings = [*outline.warnings, *arrays.warnings, *graph.warnings]
+        self._warnings = [*outline.warnings, *arrays.warnings]
         self._read_seconds = read_seconds
         self._look_seconds = 0.0
         self._result: Baked | None = None

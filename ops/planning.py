@@ -45,7 +45,7 @@ def described_plan(outline: Outline, graph: Graph) -> dict[str, Any]:
         "instances_read": len(graph.instances),
         "instances": len(outline.instances),
         "left_out": [asdict(entry) for entry in graph.left_out],
-        "warnings": [*outline.warnings, *graph.warnings],
+        "warnings": list(outline.warnings),
     }
 
 

@@ -125,7 +125,6 @@ class Graph:
     surface_attributes: frozenset[str]
     instances: frozenset[int]
     wants: frozenset[str] = frozenset()
-    warnings: tuple[str, ...] = ()
 
     def nodes(self, roots: Iterable[Node] | None = None) -> tuple[Node, ...]:
         """Every node below `roots` (the layers', if None), inputs before users, each once."""
