@@ -20,7 +20,7 @@ from .core.recorder import plan
 from .core.sampling import Sampling
 from .devices.start import Devices, start_devices
 from .effects.registry import EFFECTS, effect_named
-from .effects.shared import lit
+from .effects.shared import composite, lit
 from .effects.shared.look import seen_boxes
 from .measure.measure import Measurement
 from .measure.report import Report, StepTime, report_of
@@ -30,7 +30,7 @@ from .measure.report import Report, StepTime, report_of
 class Options:
     """How to bake. `effects`: ids, None for all; `values`: parameter values by effect id and name;
     `samples` jittered surfaces a pixel; `probes` points to measure the error at, 0 for none; `lit` also
-    makes each light's unshadowed image, for a picture of the whole."""
+    makes each light's unshadowed image, and `composite` the picture of the whole."""
 
     effects: tuple[str, ...] | None = None
     backend: str = "auto"
@@ -39,6 +39,7 @@ class Options:
     values: dict[str, dict[str, Any]] = field(default_factory=dict)
     seed: int = 0
     lit: bool = False
+    composite: bool = False
 
     def __post_init__(self):
         if self.samples < 1:
@@ -56,16 +57,20 @@ class Options:
 
 def plan_scene(outline: Outline, options: Options) -> Graph:
     """What would run, what is left out, and why."""
-    return plan(outline, options.chosen(), lit.record if options.lit else None)
+    more = [record for on, record in ((options.composite, composite.record), (options.lit, lit.record)) if on]
+    return plan(outline, options.chosen(), *more)
 
 
 @dataclass(frozen=True)
 class Baked:
-    """`lit`: (height, width, 3) float32 unshadowed diffuse radiance by light index, if it was asked for."""
+    """`lit`: unshadowed diffuse radiance by light index, `composite`: that of all lights with all layers
+    joined, each (height, width, 4) float32, alpha is coverage and colour premultiplied, row 0 at the bottom;
+    empty and None where they were not asked for, or nothing is in view."""
 
     layers: LayerSet
     report: Report
     lit: dict[int, np.ndarray]
+    composite: np.ndarray | None = None
 
 
 class BakeJob:
@@ -237,7 +242,7 @@ class BakeJob:
             for layer in self.graph.layers
             if not layer.effect
         }
-        return Baked(layer_set, report, pictures)
+        return Baked(layer_set, report, pictures, pictures.pop(None, None))
 
 
 def _own_nodes(graph: Graph) -> dict[str, list]:

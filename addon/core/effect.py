@@ -17,14 +17,28 @@ class Metric(Enum):
     WRONG_SHARE = "share of wrong pixels"
 
 
+class Blend(Enum):
+    """How a layer joins the composite (effects/shared/composite.py). SCALE_LIGHT multiplies what its one
+    light sends (a shadow); MULTIPLY multiplies all light that comes from surfaces (a transmittance); ADD adds
+    light (scattering); OVER lies over the picture by its alpha, premultiplied. NONE: it does not."""
+
+    NONE = "none"
+    SCALE_LIGHT = "scale light"
+    MULTIPLY = "multiply"
+    ADD = "add"
+    OVER = "over"
+
+
 @dataclass(frozen=True)
 class LayerKind:
-    """The layers an effect makes: one a light (`per_light`) or one. `title` is the pass name's first part."""
+    """The layers an effect makes: one a light (`per_light`) or one. `title` is the pass name's first part,
+    `blend` how they join the composite."""
 
     title: str
     channels: str
     metric: Metric
     per_light: bool = False
+    blend: Blend = Blend.NONE
     doc: str = ""
 
 

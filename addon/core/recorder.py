@@ -76,7 +76,7 @@ class Recorder:
         light = "" if light_index is None else self.outline.lights[light_index].name
         name = layer_name(kind.title, light, (layer.name for layer in self._layers))
         effect = self.effect.id if self.effect else ""
-        layer = PlannedLayer(name, effect, node, kind.channels, light, light_index, casters)
+        layer = PlannedLayer(name, effect, node, kind.channels, light, light_index, casters, kind.blend)
         self._layers.append(layer)
 
     def left_out(self, what: str, reason: str, light: str = "") -> None:
@@ -93,9 +93,9 @@ class Recorder:
         )
 
 
-def plan(outline: Outline, effects: dict[Effect, object], also: Callable | None = None) -> Graph:
-    """Records every effect that the scene needs; `effects` maps each to its parameters. `also(recorder,
-    outline)` may record more, after them and for no effect."""
+def plan(outline: Outline, effects: dict[Effect, object], *more: Callable) -> Graph:
+    """Records every effect that the scene needs; `effects` maps each to its parameters. Each of `more`,
+    called with recorder and outline, may record more, after them and for no effect."""
     recorder = Recorder(outline)
     for effect, params in effects.items():
         recorder.effect = effect
@@ -104,6 +104,6 @@ def plan(outline: Outline, effects: dict[Effect, object], also: Callable | None 
         else:
             effect.run(recorder, outline, params)
     recorder.effect = None
-    if also:
-        also(recorder, outline)
+    for record in more:
+        record(recorder, outline)
     return recorder.graph()

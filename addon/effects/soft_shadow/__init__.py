@@ -1,6 +1,6 @@
 """Soft shadows from layered shadow maps; see README.md in this folder."""
 
-from ...core.effect import Effect, LayerKind, Metric
+from ...core.effect import Blend, Effect, LayerKind, Metric
 from .params import SoftShadowParams
 from .reference import evaluate
 from .run import needed, run
@@ -15,6 +15,7 @@ EFFECT = Effect(
             channels="V",
             metric=Metric.WEIGHTED_RMSE,
             per_light=True,
+            blend=Blend.SCALE_LIGHT,
             doc="Share of the light's irradiance that arrives: 1 is lit, 0 is in full shadow",
         ),
     ),
