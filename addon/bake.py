@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -256,25 +256,48 @@ def _own_nodes(graph: Graph) -> dict[str, list]:
     return {name: [node for node in nodes if readers[node.key] == 1] for name, nodes in below.items()}
 
 
+def read_depsgraph(
+    depsgraph, options: Options, camera=None, size=None
+) -> tuple[Outline, Graph, Arrays, float]:
+    """Scans, plans and extracts what the plan reads from an evaluated depsgraph of Blender's (in render mode:
+    as F12 sees the scene); `camera` is Blender's, None for the scene's. Returns the seconds too."""
+    from .scene.extract import extract
+    from .scene.scan import ScanOptions, scan
+
+    started = time.perf_counter()
+    where = ScanOptions(size=size, camera=camera.name if camera else None, seed=options.seed)
+    found = scan(depsgraph, where)
+    graph = plan_scene(found.outline, options)
+    arrays = extract(found, graph.wants, graph.instances)
+    return found.outline, graph, arrays, time.perf_counter() - started
+
+
 def read_scene(
     scene, view_layer, options: Options, frame: int | None = None, camera=None, size=None
 ) -> tuple[Outline, Graph, Arrays, float]:
-    """Scans, plans and extracts what the plan reads, as F12 would see the scene; `scene`, `view_layer` and
-    `camera` are Blender's. Returns the seconds too. Only on the main thread."""
-    from .scene.extract import extract
+    """`read_depsgraph` of the scene as F12 would see it; `scene`, `view_layer` and `camera` are Blender's.
+    Only on the main thread."""
     from .scene.render_depsgraph import with_render_depsgraph
-    from .scene.scan import ScanOptions, scan
 
-    def look(depsgraph) -> tuple[Outline, Graph, Arrays, float]:
-        started = time.perf_counter()
-        found = scan(
-            depsgraph, ScanOptions(size=size, camera=camera.name if camera else None, seed=options.seed)
-        )
-        graph = plan_scene(found.outline, options)
-        arrays = extract(found, graph.wants, graph.instances)
-        return found.outline, graph, arrays, time.perf_counter() - started
+    def look(depsgraph):
+        return read_depsgraph(depsgraph, options, camera, size)
 
     return with_render_depsgraph(scene, view_layer, look, frame, camera)
+
+
+def read_job(
+    scene, view_layer, options_of: Callable[[Any], Options], frame: int | None = None, camera=None, size=None
+) -> BakeJob:
+    """A bake of the scene as F12 would see it. `options_of(scene)` is asked with the scene as evaluated at
+    the frame, where animated and driven settings have their values. Only on the main thread."""
+    from .scene.render_depsgraph import with_render_depsgraph
+
+    def look(depsgraph):
+        options = options_of(depsgraph.scene_eval)
+        return options, read_depsgraph(depsgraph, options, camera, size)
+
+    options, (*read, seconds) = with_render_depsgraph(scene, view_layer, look, frame, camera)
+    return BakeJob(*read, options, read_seconds=seconds)
 
 
 def bake(scene, view_layer, options: Options, **where) -> Baked:

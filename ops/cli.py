@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from enum import Enum
+from functools import partial
 from typing import Any, TextIO
 
 from ..addon.core.effect import Effect
@@ -181,9 +182,8 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     _check_targets(arguments, frames)
     with _properties():
         chosen = _open(arguments, interrupts)
-        options = options_of(chosen.scene, **given)
         for frame in chosen.frames:
-            _bake_frame(arguments, chosen, frame, options, out, interrupts)
+            _bake_frame(arguments, chosen, frame, partial(options_of, **given), out, interrupts)
     return OK
 
 
@@ -197,17 +197,15 @@ def _check_targets(arguments: argparse.Namespace, frames: tuple[int, ...]) -> No
 
 
 def _bake_frame(
-    arguments: argparse.Namespace, chosen, frame: int, options, out: TextIO, interrupts: Interrupts
+    arguments: argparse.Namespace, chosen, frame: int, options_of, out: TextIO, interrupts: Interrupts
 ) -> None:
-    from ..addon.bake import BakeJob, read_scene
+    from ..addon.bake import read_job
     from ..addon.measure.report import format_table
-    from .job import run_to_end
+    from ..addon.job import run_to_end
     from .planning import nothing_to_bake
 
-    outline, graph, arrays, seconds = read_scene(
-        chosen.scene, chosen.view_layer, options, frame, _camera(chosen), arguments.size
-    )
-    if reason := nothing_to_bake(graph):
+    job = read_job(chosen.scene, chosen.view_layer, options_of, frame, _camera(chosen), arguments.size)
+    if reason := nothing_to_bake(job.graph):
         if not arguments.quiet:
             print(f"strata: frame {frame}: {reason}", file=sys.stderr)
         return
@@ -219,7 +217,6 @@ def _bake_frame(
 
     try:
         interrupts.check()
-        job = BakeJob(outline, graph, arrays, options, read_seconds=seconds)
         baked = run_to_end(job, lambda baked: _write(arguments, frame, baked), show)
     finally:
         progress.clear()
