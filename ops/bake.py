@@ -9,6 +9,7 @@ import bpy
 
 from ..addon.bake import Baked, BakeJob, read_job
 from ..addon.core.errors import Cancelled, StrataError
+from ..addon.job import Runner, run_to_end
 from ..addon.layers.exr import write_layers
 from ..addon.layers.files import check_writable
 from ..addon.layers.images import make_images
@@ -16,7 +17,6 @@ from ..addon.ui.properties import options_of
 from ..addon.ui.registration import Classes
 from ..addon.ui.state import STATE, PlanRow
 from .arguments import Placeholder
-from ..addon.job import Runner, run_to_end
 from .planning import nothing_to_bake, read_plan
 from .terminal import time_left
 

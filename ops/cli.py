@@ -200,8 +200,8 @@ def _bake_frame(
     arguments: argparse.Namespace, chosen, frame: int, options_of, out: TextIO, interrupts: Interrupts
 ) -> None:
     from ..addon.bake import read_job
-    from ..addon.measure.report import format_table
     from ..addon.job import run_to_end
+    from ..addon.measure.report import format_table
     from .planning import nothing_to_bake
 
     job = read_job(chosen.scene, chosen.view_layer, options_of, frame, _camera(chosen), arguments.size)

@@ -11,7 +11,13 @@ ENGINE_ID = "STRATA"
 # EEVEE's replace.
 _GENERAL = "BLENDER_RENDER"
 _UNREAD = frozenset(
-    ("DATA_PT_light", "NODE_DATA_PT_light", "DATA_PT_spot", "MATERIAL_PT_freestyle_line", "RENDER_PT_freestyle")
+    (
+        "DATA_PT_light",
+        "NODE_DATA_PT_light",
+        "DATA_PT_spot",
+        "MATERIAL_PT_freestyle_line",
+        "RENDER_PT_freestyle",
+    )
 )
 _UNREAD_MODULES = ("bl_ui.properties_freestyle", "bl_ui.properties_data_lightprobe")
 # EEVEE's panels of settings that Strata reads: lamps, and materials with their nodes.

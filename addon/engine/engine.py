@@ -13,7 +13,7 @@ from ..job import Runner
 from ..ui.properties import options_of
 from ..ui.registration import Classes
 from ..ui.state import STATE
-from . import compatible_panels, material_preview, passes
+from . import compatible_panels, material_preview, passes, sockets
 from .passes import COMBINED, PassImage
 
 POLL_SECONDS = 0.05  # between two looks whether the user cancelled
@@ -99,8 +99,10 @@ _classes = Classes(StrataRenderEngine)
 def register() -> None:
     _classes.register()
     compatible_panels.register()
+    sockets.register()
 
 
 def unregister() -> None:
+    sockets.unregister()
     compatible_panels.unregister()
     _classes.unregister()

@@ -58,10 +58,8 @@ def _tooltip(spec: ParamSpec) -> str:
 
 def _enum_items(kind: type[Enum]) -> list[tuple[str, str, str, int]]:
     """Numbers made from the words themselves: a file keeps the number, and stays right when a choice is
-    added before another."""
-    return [
-        (word.value, title(word.value), "", zlib.crc32(word.value.encode()) & _INT_LIMIT) for word in kind
-    ]
+    added before another. Of 22 bits: an animation keeps them as float32, and adds a half."""
+    return [(word.value, title(word.value), "", zlib.crc32(word.value.encode()) & 0x3FFFFF) for word in kind]
 
 
 def _ranges(spec: ParamSpec, limit: float) -> dict[str, float]:
@@ -89,9 +87,17 @@ def _property(spec: ParamSpec):
     )
 
 
+def _update_passes(group: bpy.types.PropertyGroup, context) -> None:
+    """The compositor's sockets follow what is switched on."""
+    for view_layer in group.id_data.view_layers:
+        view_layer.update_render_passes()
+
+
 def _effect_group(effect: Effect) -> type:
     """The PropertyGroup of an effect: `enabled` and its parameters."""
-    on = bpy.props.BoolProperty(name=effect.title, description=effect.doc.rstrip("."), default=True)
+    on = bpy.props.BoolProperty(
+        name=effect.title, description=effect.doc.rstrip("."), default=True, update=_update_passes
+    )
     properties = {"enabled": on}
     for spec in effect.params.specs():
         properties[spec.name] = _property(spec)
