@@ -71,7 +71,7 @@ def _effects(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts)
 
 def describe(effect: Effect) -> dict[str, Any]:
     """An effect's declaration as plain values."""
-    layers = [{**asdict(kind), "metric": kind.metric.value} for kind in effect.layers]
+    layers = [{name: _plain(value) for name, value in asdict(kind).items()} for kind in effect.layers]
     params = [
         {
             "name": spec.name,

@@ -47,7 +47,9 @@ def scene():
 
 
 def baked_by_the_command(tmp_path, frames="1", *words) -> dict[int, dict[str, np.ndarray]]:
-    """Layers by `<view layer>.<pass>`, by frame, of the open scene as `strata bake` makes them; opens a copy of it."""
+    """Layers by `<view layer>.<pass>`, by frame, of the open scene as `strata bake` makes them.
+
+    Leaves a copy of the scene open."""
     blend = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
     output = tmp_path / "bake_####.exr"
@@ -91,7 +93,7 @@ def test_render_region_is_where_the_bake_has_it(scene, tmp_path, crop):
     rendered = read_passes(tmp_path / "render.exr")
     (baked,) = baked_by_the_command(tmp_path).values()
     assert_same_passes(rendered, baked)
-    height, width = rendered["ViewLayer.Combined"].shape[:2]
+    width = rendered["ViewLayer.Combined"].shape[1]
     assert (width < 80) == crop
     assert crop or not rendered["ViewLayer.Combined"][:, :20].any()
 
@@ -141,7 +143,7 @@ def composited(scene, node, socket: str, path) -> np.ndarray:
 
 def test_compositor_sees_the_passes(scene, tmp_path):
     node = render_layers_tree(scene)
-    assert "Soft Shadow Lamp_001" in node.outputs.keys()
+    assert "Soft Shadow Lamp_001" in node.outputs
     seen = composited(scene, node, "Soft Shadow Lamp_001", tmp_path / "composited.exr")
     (baked,) = baked_by_the_command(tmp_path).values()
     np.testing.assert_array_equal(seen[:, :, 0], baked["ViewLayer.Soft Shadow Lamp_001"])
@@ -151,7 +153,7 @@ def test_compositor_gets_full_light_where_a_frame_needs_no_shadow(scene, tmp_pat
     """Blender gives 0 for a pass that a render does not have, and a shadow of 0 is black."""
     node = render_layers_tree(scene)
     bpy.data.objects["Lamp.001"].data.energy = 0.0
-    assert "Soft Shadow Lamp_001" in node.outputs.keys()
+    assert "Soft Shadow Lamp_001" in node.outputs
     seen = composited(scene, node, "Soft Shadow Lamp_001", tmp_path / "composited.exr")
     assert (seen[:, :, 0] == 1.0).all()
 
@@ -207,9 +209,8 @@ def test_what_is_wrong_is_said_in_one_line(scene):
     scene.camera.data.type = "PANO"
     with pytest.raises(RuntimeError) as raised:
         bpy.ops.render.render()
-    assert str(raised.value).strip().splitlines() == [
-        f"Error: camera '{scene.camera.name}' is panoramic or custom: only perspective and orthographic render"
-    ]
+    (line,) = str(raised.value).strip().splitlines()
+    assert line.startswith(f"Error: camera '{scene.camera.name}' is panoramic")
 
 
 class FakeEngine:

@@ -28,9 +28,9 @@ class StrataRenderEngine(bpy.types.RenderEngine):
     bl_use_postprocess = True
     bl_use_eevee_viewport = True  # Material Preview shading is EEVEE's
     bl_use_shading_nodes_custom = False
-    # In a window F12 renders on a thread of its own, which gets a GPU context so. In background it is the main
-    # thread, where the GPU device starts Blender's context itself or says why not: asked for here, Blender 5.2
-    # ends with a segmentation fault on machines that have none.
+    # In a window F12 renders on a thread of its own, which gets a GPU context so. In background it is the
+    # main thread, where the GPU device starts Blender's context itself or says why not: asked for here,
+    # Blender 5.2 ends with a segmentation fault on machines that have none.
     bl_use_gpu_context = not bpy.app.background
 
     def update_render_passes(self, scene=None, renderlayer=None):
