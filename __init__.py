@@ -7,9 +7,9 @@ def _modules() -> tuple:
     """What registers, in order. Imported here: without Blender the package is importable too."""
     from .addon.engine import engine
     from .addon.ui import panels, properties
-    from .ops import bake, command
+    from .ops import bake, command, ramp
 
-    return properties, engine, bake, panels, command
+    return properties, engine, bake, ramp, panels, command
 
 
 def register() -> None:

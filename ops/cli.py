@@ -8,12 +8,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from enum import Enum
 from functools import partial
 from typing import Any, TextIO
 
 from ..addon.core.effect import Effect
 from ..addon.core.errors import Cancelled, DeviceUnavailable, StrataError
+from ..addon.core.params import plain
 from ..addon.effects.registry import EFFECTS
 from .arguments import build_parser, check_outputs, nested
 from .terminal import Interrupts, Progress, clean_stdout
@@ -64,19 +64,19 @@ def _effects(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts)
     for effect in EFFECTS:
         print(f"{effect.id}: {effect.doc}", file=out)
         for spec in effect.params.specs():
-            print(f"  {effect.id}.{spec.name} = {_plain(spec.default)}  {_accepts(spec)}", file=out)
+            print(f"  {effect.id}.{spec.name} = {plain(spec.default)}  {_accepts(spec)}", file=out)
             print(f"      {spec.doc}", file=out)
     return OK
 
 
 def describe(effect: Effect) -> dict[str, Any]:
     """An effect's declaration as plain values."""
-    layers = [{name: _plain(value) for name, value in asdict(kind).items()} for kind in effect.layers]
+    layers = [{name: plain(value) for name, value in asdict(kind).items()} for kind in effect.layers]
     params = [
         {
             "name": spec.name,
             "type": "choice" if spec.choices else spec.kind.__name__,
-            "default": _plain(spec.default),
+            "default": plain(spec.default),
             "choices": list(spec.choices),
             "hard": spec.hard,
             "soft": spec.soft,
@@ -88,10 +88,6 @@ def describe(effect: Effect) -> dict[str, Any]:
     ]
     declared = {"id": effect.id, "title": effect.title, "doc": effect.doc, "source": effect.source}
     return {**declared, "layers": layers, "params": params}
-
-
-def _plain(value: Any) -> Any:
-    return value.value if isinstance(value, Enum) else value
 
 
 def _accepts(spec) -> str:
