@@ -54,11 +54,19 @@ class Options:
         effects = EFFECTS if self.effects is None else tuple(effect_named(name) for name in self.effects)
         return {e: e.params.checked(e.id, self.values.get(e.id, {})) for e in effects}
 
+    def sources(self) -> dict[str, tuple[Callable, Any]]:
+        """What effects offer to others, with their parameters, whether or not they are chosen themselves."""
+        return {
+            name: (record, effect.params.checked(effect.id, self.values.get(effect.id, {})))
+            for effect in EFFECTS
+            for name, record in effect.sources.items()
+        }
+
 
 def plan_scene(outline: Outline, options: Options) -> Graph:
     """What would run, what is left out, and why."""
     more = [record for on, record in ((options.composite, composite.record), (options.lit, lit.record)) if on]
-    return plan(outline, options.chosen(), *more)
+    return plan(outline, options.chosen(), *more, sources=options.sources())
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from .params import Params
@@ -46,7 +46,8 @@ class LayerKind:
 class Effect:
     """`id` is the folder's name. `run(recorder, outline, params)` records steps; `needed(outline)` gives the
     reason why the scene does not need the effect, or None; `reference(rays, light, points, samples,
-    seed)` is the slow, independent truth that probes are scored against (addon/measure)."""
+    seed)` is the slow, independent truth that probes are scored against (addon/measure). `sources` records,
+    by name, what other effects may build on: each as `record(recorder, outline, params, light_index)`."""
 
     id: str
     title: str
@@ -57,3 +58,4 @@ class Effect:
     reference: Callable
     doc: str
     source: str
+    sources: dict[str, Callable] = field(default_factory=dict, hash=False, compare=False)

@@ -3,7 +3,7 @@
 from ...core.effect import Blend, Effect, LayerKind, Metric
 from .params import SoftShadowParams
 from .reference import evaluate
-from .run import needed, run
+from .run import needed, run, visibility
 
 EFFECT = Effect(
     id="soft_shadow",
@@ -23,5 +23,6 @@ EFFECT = Effect(
     run=run,
     reference=evaluate,
     doc="Shadows of lights with a size, by projecting the texels of a layered depth map back onto the light",
+    sources={"visibility": visibility},
     source="Bavoil, thesis, chapter 5; Schwarz and Stamminger 2007 (bitmask)",
 )
