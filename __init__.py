@@ -5,11 +5,10 @@ from __future__ import annotations
 
 def _modules() -> tuple:
     """What registers, in order. Imported here: without Blender the package is importable too."""
-    from .addon.engine import engine
     from .addon.ui import panels, properties
-    from .ops import bake, command, ramp
+    from .ops import bake, command
 
-    return properties, engine, bake, ramp, panels, command
+    return properties, bake, panels, command
 
 
 def register() -> None:

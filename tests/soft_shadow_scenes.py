@@ -69,7 +69,7 @@ class Stage:
         emitter,
         points,
         normals,
-        method="soft_shadow_bitmask",
+        method="bitmask",
         maps=None,
         settings=(512, 2),
         **map_settings,
@@ -79,4 +79,4 @@ class Stage:
             maps = self.maps(emitter, points, **map_settings)
         normals = np.broadcast_to(np.asarray(normals, np.float32), points.shape).copy()
         arguments = (points.astype(np.float32), normals, normals, self.origin, emitter.packed(), maps)
-        return getattr(kernels, method)(*arguments, *settings)
+        return kernels.soft_shadow_backproject(*arguments, *settings, method=method)

@@ -9,6 +9,7 @@ of the difference stays far below the layer's own error of 1e-2.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -95,10 +96,8 @@ def shadows(courtyard, emitter, method, maps, max_samples=512, refinements=2, bi
     prepared = [kernels.soft_shadow_prepare(depths, view.packed(), *bias) for view, depths in maps]
     points = [surface[name] for name in POINTS[:3]]
     arguments = (*points, np.array(CAMERA.eye), emitter.packed(), prepared, max_samples, refinements)
-    if method == "area":
-        cpu = kernels.soft_shadow_area(*arguments)
-    else:
-        cpu = kernels.soft_shadow_bitmask(*arguments, plain=True, leave_uncertain=method == "hybrid")
+    twin = "area" if method == "area" else "plain"
+    cpu = kernels.soft_shadow_backproject(*arguments, method=twin, leave_uncertain=method == "hybrid")
     on_gpu = [PREPARE.gpu(gpu, gpu.from_host(depths), view, *bias) for view, depths in maps]
     values = BACKPROJECT.gpu(
         gpu,
@@ -109,6 +108,7 @@ def shadows(courtyard, emitter, method, maps, max_samples=512, refinements=2, bi
         method=method,
         max_samples=max_samples,
         refinements=refinements,
+        maps=len(on_gpu),
     )
     values = gpu.to_host(values)
     return cpu, (values["visibility"], values["uncertain"])
@@ -135,6 +135,37 @@ def test_every_kind_of_light_agrees(courtyard, light, method):
     assert cpu[0].min() < 0.2 or method == "hybrid"  # there is a shadow to compare
     assert cpu[1].any() == (method != "area")
     assert_alike(cpu, gpu)
+
+
+def nested(courtyard, emitter):
+    """(view, depths) of three windows, each within the next, an orthographic one about an eye of its own."""
+    *_, widest = (view for view, _ in courtyard.depths(emitter))
+    if not widest.orthographic:
+        widest = replace(widest, window=tuple(np.clip(widest.window, -2.0, 2.0).tolist()))
+    # No border on a texel's border, where rounding decides whose the texel is.
+    for share in (0.27, 0.61, 1.0):
+        left, right, bottom, top = (
+            share**power * side for power, side in zip((1, 2, 1, 1), widest.window, strict=True)
+        )
+        x, y = (0.5 * (left + right), 0.5 * (bottom + top)) if widest.orthographic else (0.0, 0.0)
+        eye = np.array(widest.eye) + x * np.array(widest.right) + y * np.array(widest.up)
+        view = replace(widest, eye=tuple(eye.tolist()), window=(left - x, right - x, bottom - y, top - y))
+        yield (
+            view,
+            LAYERED_DEPTH.cpu(courtyard.cpu, courtyard.geometry, view, courtyard.everything, 4, 128, 128),
+        )
+
+
+@pytest.mark.parametrize("method", ["bitmask", "hybrid", "area"])
+@pytest.mark.parametrize("light", ["rectangle", "ellipse", "sun"])
+def test_nested_windows_agree(courtyard, light, method):
+    maps = list(nested(courtyard, LIGHTS[light]))
+    cpu, gpu = shadows(courtyard, LIGHTS[light], method, maps)
+    assert_alike(cpu, gpu)
+    # All three are read.
+    for few in (maps[:1], maps[1:]):
+        without, _ = shadows(courtyard, LIGHTS[light], method, few)
+        assert np.abs(without[0] - cpu[0]).max() > 0.01
 
 
 @pytest.mark.parametrize(

@@ -19,11 +19,11 @@ float rise_at(int layer, int level, ivec2 texel)
   return uintBitsToFloat(texelFetch(texels, level_place(layer, level) + texel, 0).x);
 }
 
-// Share of the light, along both axes, that a texel `offset` from the point covers.
-float covered(vec2 offset, float above, vec2 share, vec2 start)
+// Share of the light that what lies between `low` and `high`, in texels from the point, covers.
+float covered(vec2 low, vec2 high, float above, vec2 share, vec2 start)
 {
-  vec2 from = clamp(offset / above * share - start, 0.0, 1.0);
-  vec2 to = clamp((offset + 1.0) / above * share - start, 0.0, 1.0);
+  vec2 from = clamp(low / above * share - start, 0.0, 1.0);
+  vec2 to = clamp(high / above * share - start, 0.0, 1.0);
   return (to.x - from.x) * (to.y - from.y);
 }
 
@@ -43,19 +43,26 @@ int whole_region(Search search, out Region region)
   return levels - 1;
 }
 
-// 1 - the sum over texels of the area that the farthest occluding layer covers; overlaps count twice. The last
-// stored depth only serves as the next one of the layer before it.
-float area_visibility(Seen seen, Search search)
+// Share of its rise by which a surface must be above the point: some times what the depth in the map and the
+// point's own round by. Nothing else keeps a surface that is parallel to the light's plane from shading itself.
+const float ROUNDING = 4e-7;
+
+// The sum over texels of the share of the light that the farthest occluding layer covers; overlaps count twice. The
+// last stored depth only serves as the next one of the layer before it. What of a texel lies in the window of a smaller
+// map is left to that one.
+float area_hidden(Seen seen, Search search)
 {
   Region region;
   int level = whole_region(search, region);
   if (level < 0) {
-    return 1.0;
+    return 0.0;
   }
   vec2 texel_size = params.window.zw * float(1 << level);
   vec2 at = (seen.window - params.window.xy) / texel_size;
   vec2 size = seen.bounds.yw - seen.bounds.xz;
   vec2 share = texel_size / size, start = seen.bounds.xz / size;
+  vec2 inner_low = (params.inner.xz - seen.window) / texel_size;
+  vec2 inner_high = (params.inner.yw - seen.window) / texel_size;
   float hidden = 0.0;
   for (int row = region.low.y; row < region.high.y; row++) {
     for (int column = region.low.x; column < region.high.x; column++) {
@@ -67,9 +74,15 @@ float area_visibility(Seen seen, Search search)
         float above = rise - seen.rise;
         float gradient = gradient_bias(rise, unpack_tilt(found.y));
         // Written so that an empty texel, whose difference to its midpoint is NaN, casts no shadow.
-        bool casts = above > gradient && above > rise - midpoint(rise, next);
+        bool casts = above > max(gradient, ROUNDING * abs(rise)) && above > rise - midpoint(rise, next);
         next = rise;
-        float area = casts ? covered(vec2(texel) - at, above, share, start) : 0.0;
+        vec2 low = vec2(texel) - at, high = low + 1.0;
+        float area = casts ? covered(low, high, above, share, start) : 0.0;
+        low = max(low, inner_low);
+        high = min(high, inner_high);
+        if (casts && all(lessThan(low, high))) {
+          area -= covered(low, high, above, share, start);
+        }
         if (area > 0.0) {
           hidden += area;
           break;
@@ -77,5 +90,5 @@ float area_visibility(Seen seen, Search search)
       }
     }
   }
-  return max(1.0 - hidden, 0.0);
+  return hidden;
 }

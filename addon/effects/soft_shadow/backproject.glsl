@@ -1,7 +1,8 @@
 // Visible share of a light's irradiance at shading points, and where to doubt it: evaluate.rs `visibility`.
 //
-// Dispatched once a map, for the points that chose it; with UNMAPPED once for each axis that a light without a map
-// is seen along, for the points that chose none. AREA takes the thesis's sum instead of the bitmask.
+// Dispatched once a map, for the points that chose it; with NESTED for all points, since all read all maps, and what
+// is hidden goes from one to the next; with UNMAPPED once for each axis that a light without a map is seen along, for
+// the points that chose none. AREA takes the thesis's sum instead of the bitmask.
 #include "light.glsl"
 #include "map.glsl"
 #ifdef UNMAPPED
@@ -10,46 +11,77 @@
 #  include "area.glsl"
 #else
 #  include "bands.glsl"
-#  include "doubt.glsl"
 #endif
 
-// Visibility, and 1 where it is uncertain. `whole`: the map holds all that can hide the light.
-vec2 visibility_of(Seen seen, bool whole)
-{
 #ifdef AREA
+void evaluate(Seen seen, ivec2 pixel, bool doubtful)
+{
   Search search;
-  return vec2(start_search(seen, search) ? area_visibility(seen, search) : 1.0, 0.0);
+  if (start_search(seen, search)) {
+    float left = imageLoad(visibility, pixel).r - area_hidden(seen, search);
+    imageStore(visibility, pixel, vec4(max(left, 0.0)));
+  }
+}
 #else
+void answer(ivec2 pixel, float share, bool doubt)
+{
+  imageStore(visibility, pixel, vec4(share));
+  imageStore(uncertain, pixel, uvec4(uint(doubt)));
+}
+
+// What is hidden before this map is read.
+Bits hidden_before(Seen seen, ivec2 pixel, bool at_horizon)
+{
+#  ifdef NESTED
+  if (params.settings.w > 0.0) {
+    ivec2 at = ivec2(2, 1) * pixel;
+    return Bits(imageLoad(hidden_bits, at), imageLoad(hidden_bits, at + ivec2(1, 0)));
+  }
+#  endif
+  if (at_horizon) {
+    return horizon(seen);
+  }
+  return Bits(uvec4(0u), uvec4(0u));
+}
+
+// `doubtful`: what choose.glsl says of the map.
+void evaluate(Seen seen, ivec2 pixel, bool doubtful)
+{
   // Written so that a NaN in a normal reads as no light.
   bool receives_light = height_range(seen, seen.shading_normal).y > 0.0;
   if (!receives_light) {
-    return vec2(1.0, 0.0);
+    return;
   }
   vec2 heights = height_range(seen, seen.geometric_normal);
   bool at_horizon = heights.x <= 0.0;
   bool doubt = seen.too_close;
 #  ifndef UNMAPPED
   bool readable = heights.y > 0.0;
-  bool cut_off = params.settings.z > 0.0 && !whole;
-  doubt = doubt || (readable && (at_horizon || cut_off || near_contact(seen)));
+  doubt = doubt || (readable && (at_horizon || doubtful));
 #  endif
   bool leave_uncertain = params.window_high.w > 0.0; // rays will replace it
   if (doubt && leave_uncertain) {
-    return vec2(1.0);
+    answer(pixel, 1.0, true);
+    return;
   }
-  Bits hidden = Bits(uvec4(0u), uvec4(0u));
-  if (at_horizon) {
-    hidden = horizon(seen);
-  }
+  Bits hidden = hidden_before(seen, pixel, at_horizon);
 #  ifndef UNMAPPED
   Search search;
   if (readable && start_search(seen, search)) {
     backproject_bands(seen, search, hidden);
   }
 #  endif
-  return vec2(none_hidden(hidden) ? 1.0 : resolve(seen, hidden), float(doubt));
-#endif
+#  ifdef NESTED
+  if (params.settings.w + 1.0 < params.window_high.z) {
+    ivec2 at = ivec2(2, 1) * pixel;
+    imageStore(hidden_bits, at, hidden.low);
+    imageStore(hidden_bits, at + ivec2(1, 0), hidden.high);
+    return;
+  }
+#  endif
+  answer(pixel, none_hidden(hidden) ? 1.0 : resolve(seen, hidden), doubt);
 }
+#endif
 
 // Of the six axes the one nearest to the point's direction: the largest depth.
 bool is_my_point(vec3 place, Seen seen)
@@ -72,7 +104,12 @@ void main()
     return;
   }
   uint chosen = texelFetch(choice, pixel, 0).r;
-  if (chosen / 8u != uint(params.settings.w + 1.0)) {
+#ifdef NESTED
+  bool reads = chosen > 0u;
+#else
+  bool reads = chosen / 8u == uint(params.settings.w + 1.0);
+#endif
+  if (!reads) {
     return;
   }
   vec3 place = texelFetch(position, pixel, 0).xyz;
@@ -82,7 +119,5 @@ void main()
   if (!see(place, facing, shaded, seen) || !is_my_point(place, seen)) {
     return;
   }
-  vec2 result = visibility_of(seen, chosen % 8u == 3u);
-  imageStore(visibility, pixel, vec4(result.x));
-  imageStore(uncertain, pixel, uvec4(uint(result.y)));
+  evaluate(seen, pixel, (chosen & 4u) != 0u);
 }

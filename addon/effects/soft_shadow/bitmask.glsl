@@ -111,11 +111,19 @@ void backproject_texel(Seen seen, uvec2 texel, vec2 offset, vec2 texel_size, vec
   }
 }
 
+// Whether what lies between `low` and `high` in the window, relative to the point, lies whole in `inner`, left, right,
+// bottom, top: the window of a smaller map, to which it is left.
+bool is_within(vec2 low, vec2 high, vec4 inner)
+{
+  return all(greaterThanEqual(low, inner.xz)) && all(lessThanEqual(high, inner.yw));
+}
+
 // All texels of a region that lie in blocks worth a look: tile.rs.
 void backproject(Seen seen, Region region, int level, vec2 band, inout Bits hidden)
 {
   vec2 texel_size = params.window.zw * float(1 << level);
   vec2 at = (seen.window - params.window.xy) / texel_size;
+  vec4 inner = params.inner - seen.window.xxyy;
   ivec2 first_block = region.low / BLOCK, last_block = (region.high - 1) / BLOCK;
   for (int layer = 0; layer < map_layers(); layer++) {
     ivec2 block_at = block_place(layer, level), texel_at = level_place(layer, level);
@@ -129,7 +137,7 @@ void backproject(Seen seen, Region region, int level, vec2 band, inout Bits hidd
         }
         float above = min(highest, band.y);
         vec2 low = (vec2(BLOCK * block) - at) * texel_size, size = float(BLOCK) * texel_size;
-        if (passes_by(seen, low, low + size, above) ||
+        if (passes_by(seen, low, low + size, above) || is_within(low, low + size, inner) ||
             is_own_surface(seen, low + 0.5 * size, texel_size, uintBitsToFloat(known.z), unpack_tilt(known.w)))
         {
           continue;
@@ -141,8 +149,11 @@ void backproject(Seen seen, Region region, int level, vec2 band, inout Bits hidd
         ivec2 to = min(BLOCK * block + BLOCK, min(region.high, last + 1));
         for (int row = from.y; row < to.y; row++) {
           for (int column = from.x; column < to.x; column++) {
-            uvec2 texel = texelFetch(texels, texel_at + ivec2(column, row), 0).xy;
-            backproject_texel(seen, texel, vec2(column, row) - at, texel_size, band, hidden);
+            vec2 offset = vec2(column, row) - at;
+            if (!is_within(offset * texel_size, (offset + 1.0) * texel_size, inner)) {
+              uvec2 texel = texelFetch(texels, texel_at + ivec2(column, row), 0).xy;
+              backproject_texel(seen, texel, offset, texel_size, band, hidden);
+            }
           }
         }
       }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,6 +20,7 @@ BLOCK = 8  # texels a side (prepare.rs)
 SMALLEST_LEVEL = 2 * BLOCK  # texels: no level of a map is smaller
 LARGEST = 3.0e38  # stands for infinity where 0 times it must be 0
 SHARPEST = 1e30  # a hard edge (light.rs)
+NOWHERE = (LARGEST, -LARGEST, LARGEST, -LARGEST)  # a window that holds nothing
 ROUND_KINDS = (EmitterKind.SPHERE, EmitterKind.FACING_DISK)
 
 MAP_PARAMS = ("map", "bias")
@@ -50,13 +52,18 @@ BLOCKS = Shader(
 FIRST_ROWS = Shader(f"{FOLDER}/first_rows.glsl", images=(("rows", "RGBA32UI", "WRITE"),))
 LIGHT_PARAMS = (
     *MAP_PARAMS,
-    *("size", "settings", "window", "window_high"),
+    *("size", "settings", "window", "window_high", "inner"),
     *("axis_x", "axis_y", "axis_z", "from_light"),
     *("light", "radiance", "cone_axis"),
 )
 CHOOSE = Shader(
     f"{FOLDER}/choose.glsl",
-    samplers=(("position", "FLOAT_2D"), ("pyramid", "FLOAT_2D")),
+    samplers=(
+        ("position", "FLOAT_2D"),
+        ("geometric_normal", "FLOAT_2D"),
+        ("pyramid", "FLOAT_2D"),
+        ("texels", "UINT_2D"),
+    ),
     images=(("choice", "R32UI", "READ_WRITE"),),
     params=LIGHT_PARAMS,
 )
@@ -98,6 +105,16 @@ def _light_defines(emitter: Emitter, orthographic: bool) -> tuple[str, ...]:
     return tuple(defines)
 
 
+def _choose_variant(defines: tuple[str, ...], method: str, beside: bool = False) -> Shader:
+    """`beside`: there is a table of what lies beside the window."""
+    if method == Method.AREA.value:
+        defines = (*defines, "AREA")
+    elif beside:
+        defines = (*defines, "BESIDE")
+    shader = CHOOSE.defining(*defines)
+    return replace(shader, samplers=(*shader.samplers, ("beside", "UINT_2D"))) if beside else shader
+
+
 def _backproject_variant(defines: tuple[str, ...], method: str) -> Shader:
     """`method`: a Method's value, or "unmapped"."""
     shader = BACKPROJECT.defining(*defines)
@@ -106,8 +123,12 @@ def _backproject_variant(defines: tuple[str, ...], method: str) -> Shader:
     if method == "unmapped":
         return shader.defining("UNMAPPED")
     if method == Method.AREA.value:
-        return replace(shader.defining("AREA"), samplers=(*shader.samplers, *of_map))
-    return replace(shader, samplers=(*shader.samplers, *of_map, *of_bitmask))
+        images = (("visibility", "R32F", "READ_WRITE"),)
+        return replace(shader.defining("AREA"), samplers=(*shader.samplers, *of_map), images=images)
+    shader = replace(shader, samplers=(*shader.samplers, *of_map, *of_bitmask))
+    if "NESTED" in defines:
+        shader = replace(shader, images=(*shader.images, ("hidden_bits", "RGBA32UI", "READ_WRITE")))
+    return shader
 
 
 def variants() -> Iterator[Shader]:
@@ -125,9 +146,13 @@ def variants() -> Iterator[Shader]:
             cone = 0.5 if limited and is_spot else -1.0
             emitter = Emitter(kind, (0.0, 0.0, 0.0), *axes, 1.0, 1.0, spread, cone)
             defines = _light_defines(emitter, kind == EmitterKind.DISTANT_DISK)
-            yield CHOOSE.defining(*defines)
-            for method in (Method.AREA.value, Method.BITMASK.value, "unmapped"):
-                yield _backproject_variant(defines, method)
+            for method in (Method.AREA.value, Method.BITMASK.value):
+                for sharing in ((), ("NESTED",)):
+                    yield _choose_variant((*defines, *sharing), method)
+                    yield _backproject_variant((*defines, *sharing), method)
+            if is_spot:
+                yield _choose_variant(defines, Method.HYBRID.value, beside=True)
+            yield _backproject_variant(defines, "unmapped")
 
 
 def prepare(device, depth, view: View, gradient_scale: float, gradient_cap_m: float):
@@ -173,11 +198,20 @@ def prepare(device, depth, view: View, gradient_scale: float, gradient_cap_m: fl
 
 
 def backproject(
-    device, surface, *maps, eye, emitter: Emitter, method: str, max_samples: int, refinements: int
+    device,
+    surface,
+    *maps_and_tables,
+    eye,
+    emitter: Emitter,
+    method: str,
+    max_samples: int,
+    refinements: int,
+    maps: int,
 ):
     """A dict of the images `visibility` and `uncertain`, as the kernels of this step."""
     if max_samples < 1:
         raise ValueError("max_samples is at least 1")
+    prepared_maps, tables = maps_and_tables[:maps], maps_and_tables[maps:]
     position = surface["position"]
     shape = position.shape[:2]
     size = shape[::-1]
@@ -186,34 +220,60 @@ def backproject(
     device.clear(visibility, 1.0)
     device.clear(uncertain, 0)
     device.clear(choice, 0)
-    in_faces = len(maps) > 1 and emitter.kind in ROUND_KINDS
-    settings = max_samples, refinements, float(in_faces)
+    views = [prepared["view"] for prepared in prepared_maps]
+    nested = maps > 1 and all(_share_axes(a, b) for a, b in itertools.pairwise(views))
+    settings = max_samples, refinements, float(maps > 1 and not nested)
     leave_uncertain = float(method == Method.HYBRID.value)  # rays will replace it
     outputs = {"visibility": visibility, "uncertain": uncertain}
+    written = dict(outputs)
+    if method == Method.AREA.value:
+        del written["uncertain"]
+    elif nested:
+        written["hidden_bits"] = device.new_image((shape[0], 2 * shape[1], 4), np.uint32)
     samplers = {name: surface[name] for name in ("position", "geometric_normal", "shading_normal")}
     samplers |= {"choice": choice, "first_rows": _first_rows(device)}
     for run in ("choose", method):
-        for index, prepared in enumerate(maps):
+        for index, prepared in enumerate(prepared_maps):
             view = prepared["view"]
-            defines = _light_defines(emitter, view.orthographic)
+            defines = _light_defines(emitter, view.orthographic) + ("NESTED",) * nested
+            inner = _seen_from(view, views[index - 1]) if nested and index else NOWHERE
             params = prepared["params"] | _light_params(emitter, view, eye)
-            params |= {"size": size, "settings": (*settings, index)}
+            params |= {"size": size, "settings": (*settings, index), "inner": inner}
             window = _window_params(view, prepared["params"]["map"])
-            params |= window | {"window_high": (*window["window_high"], len(maps), leave_uncertain)}
+            params |= window | {"window_high": (*window["window_high"], maps, leave_uncertain)}
             bound = samplers | {name: prepared[name] for name in ("texels", "pyramid", "blocks")}
             if run == "choose":
-                device.dispatch(CHOOSE.defining(*defines), size, {"choice": choice}, bound, params)
+                bound |= {"beside": table for table in tables[index : index + 1]}
+                shader = _choose_variant(defines, method, bool(tables))
+                device.dispatch(shader, size, {"choice": choice}, bound, params)
             else:
-                device.dispatch(_backproject_variant(defines, method), size, outputs, bound, params)
+                device.dispatch(_backproject_variant(defines, method), size, written, bound, params)
     if method != Method.AREA.value:  # without a map the thesis's sum is 1
         for view in _default_views(emitter):
             shader = _backproject_variant(_light_defines(emitter, view.orthographic), "unmapped")
             params = dict.fromkeys(LIGHT_PARAMS, ()) | _light_params(emitter, view, eye)
             params |= {"size": size, "settings": (*settings, -1)}
-            params |= {"window_high": (0.0, 0.0, len(maps), leave_uncertain)}
+            params |= {"window_high": (0.0, 0.0, maps, leave_uncertain)}
             device.dispatch(shader, size, outputs, samplers, params)
+    for name in written.keys() - outputs.keys():
+        device.release(written[name])
     device.release(choice)
     return outputs
+
+
+def _share_axes(a: View, b: View) -> bool:
+    """Whether window coordinates of the two differ by a shift at most, which only an orthographic eye may make:
+    choose.rs `share_axes`."""
+    turned = (a.right, a.up, a.forward) != (b.right, b.up, b.forward)
+    return not turned and a.orthographic == b.orthographic and (a.orthographic or a.eye == b.eye)
+
+
+def _seen_from(view: View, other: View) -> tuple[float, ...]:
+    """The window of `other` in the coordinates of `view`: choose.rs `seen_from`."""
+    shift = np.zeros(2)
+    if view.orthographic:
+        shift = np.array([view.right, view.up]) @ (np.array(other.eye) - np.array(view.eye))
+    return tuple((np.array(other.window) + np.repeat(shift, 2)).tolist())
 
 
 def visibility(device, shadow):

@@ -31,33 +31,19 @@ def needed(outline: Outline) -> str | None:
 
 def run(recorder: Recorder, outline: Outline, params: SoftShadowParams) -> None:
     """One layer for each light whose shadow falls in view."""
-    from . import EFFECT
-
-    for index in range(len(outline.lights)):
-        if shadow := visibility(recorder, outline, params, index):
-            node, casters = shadow
-            recorder.layer(EFFECT.layers[0], node, index, casters)
-    seen, _ = receivers_in_view(outline, boxes_of(outline))
-    _report_idle_instances(recorder, outline, seen)
-
-
-def visibility(
-    recorder: Recorder, outline: Outline, params: SoftShadowParams, index: int
-) -> tuple[Node, frozenset[int]] | None:
-    """V of one light and what casts it, or None where nothing of its shadow falls in view: for other effects
-    too, by Recorder.source."""
-    light = outline.lights[index]
     boxes = boxes_of(outline)
     seen, receivers = receivers_in_view(outline, boxes)
     region = around(receivers) if len(receivers) else np.zeros((2, 3))
-    reason = _unneeded(light, seen, region)
-    casters = frozenset() if reason else _casters(light, outline, region, boxes)
-    if not reason and not casters:
-        reason = "nothing casts a shadow into view"
-    if reason:
-        recorder.left_out(f"soft_shadow {light.name}", reason, light.name)
-        return None
-    return _record_light(recorder, outline, params, index, casters, seen, receivers, boxes), casters
+    for index, light in enumerate(outline.lights):
+        reason = _unneeded(light, seen, region)
+        casters = frozenset() if reason else _casters(light, outline, region, boxes)
+        if not reason and not casters:
+            reason = "nothing casts a shadow into view"
+        if reason:
+            recorder.left_out(f"soft_shadow {light.name}", reason, light.name)
+        else:
+            _record_light(recorder, outline, params, index, casters, seen, receivers, boxes)
+    _report_idle_instances(recorder, outline, seen)
 
 
 def _unneeded(light: Light, seen: np.ndarray, region: np.ndarray) -> str | None:
@@ -83,7 +69,9 @@ def _casters(light: Light, outline: Outline, region: np.ndarray, boxes: np.ndarr
     return frozenset(np.flatnonzero(allowed & casters_into(light, region, boxes)).tolist())
 
 
-def _record_light(recorder, outline, params, index, casters, seen, receivers, boxes) -> Node:
+def _record_light(recorder, outline, params, index, casters, seen, receivers, boxes) -> None:
+    from . import EFFECT
+
     light = outline.lights[index]
     visible = frozenset(np.flatnonzero(seen).tolist())
     attributes = POINTS if light.receivers is None else (*POINTS, "instance")
@@ -109,6 +97,7 @@ def _record_light(recorder, outline, params, index, casters, seen, receivers, bo
         method=params.method.value,
         max_samples=params.max_samples,
         refinements=params.refinements,
+        maps=len(maps),
     )
     if params.method == Method.HYBRID:
         accelerator = shared.ray_accelerator(outline)
@@ -129,7 +118,7 @@ def _record_light(recorder, outline, params, index, casters, seen, receivers, bo
         visibility = recorder.step(
             steps.RECEIVERS, surface, visibility, instance=light.name, receivers=light.receivers
         )
-    return visibility
+    recorder.layer(EFFECT.layers[0], visibility, index, casters)
 
 
 def _map(recorder: Recorder, outline: Outline, params: SoftShadowParams, view, casters, name: str) -> Node:

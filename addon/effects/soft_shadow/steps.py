@@ -16,20 +16,20 @@ def _prepare(device, depth, view, gradient_scale, gradient_cap_m):
     )
 
 
-def _backproject(device, surface, *maps, eye, emitter, method, max_samples, refinements):
-    name = "soft_shadow_area" if method == Method.AREA.value else "soft_shadow_bitmask"
-    # Rays will replace what the map is unsure of.
-    more = {"leave_uncertain": True} if method == Method.HYBRID.value else {}
-    visibility, uncertain = getattr(device.kernels, name)(
+def _backproject(device, surface, *maps_and_tables, eye, emitter, method, max_samples, refinements, maps):
+    visibility, uncertain = device.kernels.soft_shadow_backproject(
         surface["position"],
         surface["geometric_normal"],
         surface["shading_normal"],
         np.array(eye),
         emitter.packed(),
-        list(maps),
+        list(maps_and_tables[:maps]),
         max_samples,
         refinements,
-        **more,
+        method="area" if method == Method.AREA.value else "bitmask",
+        # Rays will replace what the map is unsure of.
+        leave_uncertain=method == Method.HYBRID.value,
+        beside=list(maps_and_tables[maps:]),
         cancel=device.cancel_flag,
     )
     return {"visibility": visibility, "uncertain": uncertain}

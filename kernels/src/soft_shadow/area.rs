@@ -1,12 +1,19 @@
 //! The thesis's own method: clamped areas of backprojected texels, summed (section 5.3.5 and its listing).
 
+use super::choose::{Served, from_point};
 use super::light::Seen;
-use super::prepare::{EMPTY, PreparedMap, unpack_tilt};
+use super::prepare::{EMPTY, unpack_tilt};
 use super::region::Region;
 
-/// 1 - the sum over texels of the area that the farthest occluding layer covers; overlaps count twice.
-/// The last stored depth only serves as the next one of the layer before it.
-pub fn visibility(map: &PreparedMap, seen: &Seen, region: &Region) -> f32 {
+/// Share of its rise by which a surface must be above the point: some times what the depth in the map and the
+/// point's own round by. Nothing else keeps a surface that is parallel to the light's plane from shading itself.
+const ROUNDING: f32 = 4e-7;
+
+/// The sum over texels of the share of the light that the farthest occluding layer covers; overlaps count twice.
+/// The last stored depth only serves as the next one of the layer before it. What of a texel lies in the window
+/// of a smaller map is left to that one.
+pub fn hidden(served: &Served, seen: &Seen, region: &Region) -> f32 {
+    let map = served.map;
     let level = &map.levels[region.level];
     let [texel_x, texel_y] = map.texel_size(region.level);
     let [u, v] = map.place(seen, region.level);
@@ -14,25 +21,33 @@ pub fn visibility(map: &PreparedMap, seen: &Seen, region: &Region) -> f32 {
     let share_x = texel_x as f32 / (right - left);
     let share_y = texel_y as f32 / (top - bottom);
     let (start_x, start_y) = (left / (right - left), bottom / (top - bottom));
+    let inner = from_point(&served.inner, [seen.window_x, seen.window_y]);
+    let inner_x = [inner[0] / texel_x as f32, inner[1] / texel_x as f32];
+    let inner_y = [inner[2] / texel_y as f32, inner[3] / texel_y as f32];
     let mut hidden = 0.0;
     for row in region.y0..region.y1 {
         for column in region.x0..region.x1 {
+            let (du, dv) = (column as f32 - u, row as f32 - v);
             for layer in (0..map.layers - 1).rev() {
                 let texel = level.index(layer, row as usize, column as usize);
                 let rise = level.rise[texel];
                 let next = level.rise[texel + level.layer_stride()];
                 let above = rise - seen.rise;
                 let gradient = map.gradient_bias(rise, unpack_tilt(level.tilt[texel]));
-                if above <= gradient.max(rise - midpoint(map.view.orthographic, rise, next)) {
+                let bias = gradient.max(rise - midpoint(map.view.orthographic, rise, next));
+                if above <= bias.max(ROUNDING * rise.abs()) {
                     continue;
                 }
-                let covered = |offset: f32, share: f32, start: f32| {
-                    let from = (offset / above * share - start).clamp(0.0, 1.0);
-                    let to = ((offset + 1.0) / above * share - start).clamp(0.0, 1.0);
-                    to - from
+                let covered = |[from, to]: [f32; 2], share: f32, start: f32| {
+                    let edge = |offset: f32| (offset / above * share - start).clamp(0.0, 1.0);
+                    edge(to) - edge(from)
                 };
-                let across = covered(column as f32 - u, share_x, start_x);
-                let area = across * covered(row as f32 - v, share_y, start_y);
+                let (x, y) = ([du, du + 1.0], [dv, dv + 1.0]);
+                let mut area = covered(x, share_x, start_x) * covered(y, share_y, start_y);
+                let (x, y) = (common(x, inner_x), common(y, inner_y));
+                if x[0] < x[1] && y[0] < y[1] {
+                    area -= covered(x, share_x, start_x) * covered(y, share_y, start_y);
+                }
                 if area > 0.0 {
                     hidden += area;
                     break;
@@ -40,7 +55,12 @@ pub fn visibility(map: &PreparedMap, seen: &Seen, region: &Region) -> f32 {
             }
         }
     }
-    (1.0 - hidden).max(0.0)
+    hidden
+}
+
+/// What two ranges have in common.
+fn common(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
+    [a[0].max(b[0]), a[1].min(b[1])]
 }
 
 /// Rise half way in depth between two surfaces; that of the first where nothing is behind it.

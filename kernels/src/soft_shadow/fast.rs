@@ -1,5 +1,6 @@
 //! The bitmask method, a register of texels or samples at a time. Hides the same samples as `plain.rs`.
 
+use super::choose::Window;
 use super::light::{Light, SAMPLE_ROWS, SAMPLES, Seen};
 use super::plain::{Bits, LOWEST_EDGE, OWN_SURFACE};
 use super::prepare::{BLOCK, BLOCK_TEXELS, PreparedMap};
@@ -98,14 +99,14 @@ impl Place {
 }
 
 /// The first sample, plus [`ROUND`], beyond an edge `offset` from the point whose surface is `above` it there.
+/// On an axis whose samples begin at `start`, `samples` a unit of the light's plane.
 #[inline(always)]
 fn edge<V: Vector>(
     vector: V,
     offset: V::Floats,
     above: V::Floats,
     lowest: V::Floats,
-    start: f32,
-    samples: f32,
+    [start, samples]: [f32; 2],
 ) -> V::Floats {
     let covered = vector.sub(vector.div(offset, vector.max(above, lowest)), vector.splat(start));
     let sample = vector.mul(covered, vector.splat(samples));
@@ -137,7 +138,8 @@ fn total<V: Vector>(vector: V, sums: &[V::Floats; MOST_LANES]) -> f32 {
     total
 }
 
-/// As `plain::backproject`, for one block whose first texel is at `row` and `column`.
+/// As `plain::backproject`, for one block whose first texel is at `row` and `column`. `inner`: the inner window
+/// from the point, if it reaches into the block.
 #[inline(always)]
 pub fn backproject_block<V: Vector>(
     vector: V,
@@ -146,6 +148,7 @@ pub fn backproject_block<V: Vector>(
     place: &Place,
     block: usize,
     [row, column]: [usize; 2],
+    inner: Option<Window<f32>>,
     mut hidden: V::Bits,
 ) -> V::Bits {
     let level = &map.levels[place.level];
@@ -180,6 +183,13 @@ pub fn backproject_block<V: Vector>(
             & vector.greater(to_x, vector.mul(vector.splat(left), above))
             & vector.greater(vector.mul(vector.splat(top), above), from_y)
             & vector.greater(to_y, vector.mul(vector.splat(bottom), above));
+        if let Some([left, right, bottom, top]) = inner {
+            let outside = vector.greater(vector.splat(left), from_x)
+                | vector.greater(to_x, vector.splat(right))
+                | vector.greater(vector.splat(bottom), from_y)
+                | vector.greater(to_y, vector.splat(top));
+            found &= outside;
+        }
         if found & V::ALL == 0 {
             continue;
         }
@@ -220,38 +230,11 @@ pub fn backproject_block<V: Vector>(
             vector.mul(vector.splat(0.5), tilt_y),
         );
         let lowest = vector.mul(vector.splat(LOWEST_EDGE), above);
-        let x0 = edge(
-            vector,
-            from_x,
-            vector.sub(above, half_x),
-            lowest,
-            left,
-            place.samples_x,
-        );
-        let x1 = edge(
-            vector,
-            to_x,
-            vector.add(above, half_x),
-            lowest,
-            left,
-            place.samples_x,
-        );
-        let y0 = edge(
-            vector,
-            from_y,
-            vector.sub(above, half_y),
-            lowest,
-            bottom,
-            place.samples_y,
-        );
-        let y1 = edge(
-            vector,
-            to_y,
-            vector.add(above, half_y),
-            lowest,
-            bottom,
-            place.samples_y,
-        );
+        let (x, y) = ([left, place.samples_x], [bottom, place.samples_y]);
+        let x0 = edge(vector, from_x, vector.sub(above, half_x), lowest, x);
+        let x1 = edge(vector, to_x, vector.add(above, half_x), lowest, x);
+        let y0 = edge(vector, from_y, vector.sub(above, half_y), lowest, y);
+        let y1 = edge(vector, to_y, vector.add(above, half_y), lowest, y);
         let (low_x, high_x) = (vector.min(x0, x1), vector.max(x0, x1));
         let (low_y, high_y) = (vector.min(y0, y1), vector.max(y0, y1));
         found &= vector.greater(high_x, low_x) & vector.greater(high_y, low_y) & V::ALL;

@@ -1,6 +1,7 @@
 //! Layered soft shadow maps: thesis chapter 5, with the bitmask of Schwarz and Stamminger (2007).
 
 mod area;
+mod choose;
 mod doubt;
 mod evaluate;
 mod fast;
@@ -9,15 +10,17 @@ mod plain;
 mod prepare;
 mod region;
 mod simd;
+mod spread;
 mod tile;
 
 use crate::cancel::CancelFlag;
 use crate::emitter::Emitter;
 use crate::view::View;
+use choose::{Beside, Maps};
 use evaluate::{Method, Points, Settings};
 use numpy::{
-    IntoPyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray3, PyReadonlyArrayDyn,
-    PyUntypedArrayMethods,
+    IntoPyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyReadonlyArrayDyn, PyUntypedArrayMethods,
 };
 use prepare::{Bias, PreparedMap};
 use pyo3::exceptions::PyValueError;
@@ -70,15 +73,50 @@ fn soft_shadow_prepare(
 
 type Shares<'py> = (Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<u8>>);
 
-fn run<'py>(
+/// Visible share V of a light's irradiance at shading points, and where to doubt it.
+///
+/// `position` (..., 3) f32 metres relative to `eye` (3,) f64 in the world; `geometric_normal` and
+/// `shading_normal` (..., 3) f32, unit, facing the viewer; `emitter` (18,) f64; `maps` handles of
+/// `soft_shadow_prepare`, smallest window first, none where nothing casts shadow: nested windows of one eye and
+/// direction, of which a point reads all, or faces of a cube, of which it reads one. Occluders are read from a
+/// map so coarse that about `max_samples` of its texels cover the light; `refinements` times the search region
+/// shrinks to the nearest depth inside.
+///
+/// `method`: "bitmask"; "plain", the slow model of it, for tests; "area", the thesis's sum of areas, uniform, without
+/// horizon, nowhere uncertain, to which the last stored depth only ends the layer before it. `beside`, one a map or
+/// none: (rows, columns) u8 over its window, not 0 where casters beside it may hide a part of the light.
+///
+/// Returns (visibility f32, uncertain u8), shaped like the points. Points that are not finite get 1. With
+/// `leave_uncertain`, uncertain points get 1 without a look, for rays to replace.
+/// Raises ValueError on bad shapes or values, and Cancelled.
+#[pyfunction]
+#[pyo3(signature = (position, geometric_normal, shading_normal, eye, emitter, maps, max_samples=512, refinements=1,
+    method="bitmask", leave_uncertain=false, beside=Vec::new(), cancel=None))]
+fn soft_shadow_backproject<'py>(
     py: Python<'py>,
-    [position, geometric_normal, shading_normal]: [&PyReadonlyArrayDyn<'py, f32>; 3],
-    eye: &PyReadonlyArray1<'py, f64>,
-    emitter: &PyReadonlyArray1<'py, f64>,
+    position: PyReadonlyArrayDyn<'py, f32>,
+    geometric_normal: PyReadonlyArrayDyn<'py, f32>,
+    shading_normal: PyReadonlyArrayDyn<'py, f32>,
+    eye: PyReadonlyArray1<'py, f64>,
+    emitter: PyReadonlyArray1<'py, f64>,
     maps: Vec<PyRef<'py, PreparedShadowMap>>,
-    settings: Settings,
+    max_samples: usize,
+    refinements: usize,
+    method: &str,
+    leave_uncertain: bool,
+    beside: Vec<PyReadonlyArray2<'py, u8>>,
     cancel: Option<PyRef<'_, CancelFlag>>,
 ) -> PyResult<Shares<'py>> {
+    let settings = Settings {
+        method: match method {
+            "bitmask" => Method::Bitmask,
+            "plain" => Method::PlainBitmask,
+            "area" => Method::Area,
+            _ => return Err(PyValueError::new_err("method is bitmask, plain or area")),
+        },
+        max_samples,
+        leave_uncertain,
+    };
     let shape = position.shape();
     if shape.last() != Some(&3) {
         return Err(PyValueError::new_err("position has three numbers a point"));
@@ -92,8 +130,13 @@ fn run<'py>(
     if !(x + y + z).is_finite() {
         return Err(PyValueError::new_err("eye is not finite"));
     }
-    if settings.max_samples == 0 {
+    if max_samples == 0 {
         return Err(PyValueError::new_err("max_samples is at least 1"));
+    }
+    if !(beside.is_empty() || beside.len() == maps.len()) || beside.iter().any(|cells| cells.len() == 0) {
+        return Err(PyValueError::new_err(
+            "beside is one array a map, none of them empty",
+        ));
     }
     let emitter = Emitter::from_packed(emitter.as_slice()?)?;
     let points = Points {
@@ -102,94 +145,28 @@ fn run<'py>(
         shading_normal: shading_normal.as_slice()?.as_chunks::<3>().0,
         width: if shape.len() == 3 { shape[1] } else { usize::MAX },
     };
+    let table = |cells: &'_ PyReadonlyArray2<'py, u8>| Ok((cells.shape()[1], cells.as_slice()?.to_vec()));
+    let beside: Vec<(usize, Vec<u8>)> = beside.iter().map(table).collect::<PyResult<_>>()?;
     let maps: Vec<Arc<PreparedMap>> = maps.iter().map(|handle| handle.map.clone()).collect();
     let cancel = cancel.map(|flag| flag.clone()).unwrap_or_default();
     let (visibility, uncertain) = py.detach(|| {
         let maps: Vec<&PreparedMap> = maps.iter().map(|map| &**map).collect();
-        evaluate::evaluate(&emitter, &maps, [x, y, z], points, settings, &cancel)
+        let beside = beside.iter().map(|(columns, cells)| Beside {
+            columns: *columns,
+            cells,
+        });
+        let beside: Vec<Beside<'_>> = beside.collect();
+        let maps = Maps::new(&emitter, &maps, &beside, [x, y, z], refinements);
+        evaluate::evaluate(&maps, points, settings, &cancel)
     })?;
     let points_shape = &shape[..shape.len() - 1];
-    Ok((
-        visibility
-            .into_pyarray(py)
-            .reshape(points_shape)?
-            .to_dyn()
-            .clone(),
-        uncertain.into_pyarray(py).reshape(points_shape)?.to_dyn().clone(),
-    ))
-}
-
-/// Visible share V of a light's irradiance at shading points, and where to doubt it.
-///
-/// `position` (..., 3) f32 metres relative to `eye` (3,) f64 in the world; `geometric_normal` and
-/// `shading_normal` (..., 3) f32, unit, facing the viewer; `emitter` (18,) f64; `maps` handles of
-/// `soft_shadow_prepare`, smallest window first, none where nothing casts shadow. Occluders are read from a map
-/// so coarse that about `max_samples` of its texels cover the light; `refinements` times the search region
-/// shrinks to the nearest depth inside. Returns (visibility f32, uncertain u8), shaped like the points.
-/// Points that are not finite get 1. With
-/// `leave_uncertain`, uncertain points get 1 without a look, for rays to replace. `plain` runs the slow model of the method, for tests.
-#[pyfunction]
-#[pyo3(signature = (position, geometric_normal, shading_normal, eye, emitter, maps, max_samples=512, refinements=2,
-    leave_uncertain=false, cancel=None, plain=false))]
-fn soft_shadow_bitmask<'py>(
-    py: Python<'py>,
-    position: PyReadonlyArrayDyn<'py, f32>,
-    geometric_normal: PyReadonlyArrayDyn<'py, f32>,
-    shading_normal: PyReadonlyArrayDyn<'py, f32>,
-    eye: PyReadonlyArray1<'py, f64>,
-    emitter: PyReadonlyArray1<'py, f64>,
-    maps: Vec<PyRef<'py, PreparedShadowMap>>,
-    max_samples: usize,
-    refinements: usize,
-    leave_uncertain: bool,
-    cancel: Option<PyRef<'_, CancelFlag>>,
-    plain: bool,
-) -> PyResult<Shares<'py>> {
-    let settings = Settings {
-        method: if plain {
-            Method::PlainBitmask
-        } else {
-            Method::Bitmask
-        },
-        max_samples,
-        refinements,
-        leave_uncertain,
-    };
-    let surface = [&position, &geometric_normal, &shading_normal];
-    run(py, surface, &eye, &emitter, maps, settings, cancel)
-}
-
-/// Visible share of a light by the thesis's sum of areas: uniform, without horizon. Arguments as
-/// `soft_shadow_bitmask`, whose pair it returns; it is nowhere uncertain. The last stored depth only ends the
-/// layer before it.
-#[pyfunction]
-#[pyo3(signature = (position, geometric_normal, shading_normal, eye, emitter, maps, max_samples=512, refinements=2,
-    cancel=None))]
-fn soft_shadow_area<'py>(
-    py: Python<'py>,
-    position: PyReadonlyArrayDyn<'py, f32>,
-    geometric_normal: PyReadonlyArrayDyn<'py, f32>,
-    shading_normal: PyReadonlyArrayDyn<'py, f32>,
-    eye: PyReadonlyArray1<'py, f64>,
-    emitter: PyReadonlyArray1<'py, f64>,
-    maps: Vec<PyRef<'py, PreparedShadowMap>>,
-    max_samples: usize,
-    refinements: usize,
-    cancel: Option<PyRef<'_, CancelFlag>>,
-) -> PyResult<Shares<'py>> {
-    let settings = Settings {
-        method: Method::Area,
-        max_samples,
-        refinements,
-        leave_uncertain: false,
-    };
-    let surface = [&position, &geometric_normal, &shading_normal];
-    run(py, surface, &eye, &emitter, maps, settings, cancel)
+    let visibility = visibility.into_pyarray(py).reshape(points_shape)?;
+    let uncertain = uncertain.into_pyarray(py).reshape(points_shape)?;
+    Ok((visibility.to_dyn().clone(), uncertain.to_dyn().clone()))
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PreparedShadowMap>()?;
     module.add_function(wrap_pyfunction!(soft_shadow_prepare, module)?)?;
-    module.add_function(wrap_pyfunction!(soft_shadow_bitmask, module)?)?;
-    module.add_function(wrap_pyfunction!(soft_shadow_area, module)?)
+    module.add_function(wrap_pyfunction!(soft_shadow_backproject, module)?)
 }

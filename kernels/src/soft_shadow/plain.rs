@@ -1,7 +1,8 @@
 //! The bitmask method, one texel at a time: the model of the shader and the oracle of `fast.rs`.
 
+use super::choose::{Served, from_point};
 use super::light::{Light, SAMPLE_ROWS, SAMPLES, Seen, dot};
-use super::prepare::{PreparedMap, unpack_tilt};
+use super::prepare::unpack_tilt;
 use super::region::Region;
 
 /// One bit a light sample; set: hidden.
@@ -32,7 +33,10 @@ pub fn horizon(seen: &Seen) -> Bits {
 /// edges is projected from its own depth, so that a smooth surface leaves neither gaps nor steps that shade
 /// it. And a texel whose middle is not above the point's tangent plane is passed over: all it can hide is
 /// below the horizon. Together they make the midpoint bias needless, and every stored layer casts shadow.
-pub fn backproject(map: &PreparedMap, seen: &Seen, region: &Region, hidden: &mut Bits) {
+/// Texels that lie whole in the window of a smaller map are left to that one.
+pub fn backproject(served: &Served, seen: &Seen, region: &Region, hidden: &mut Bits) {
+    let map = served.map;
+    let inner = from_point(&served.inner, [seen.window_x, seen.window_y]);
     let level = &map.levels[region.level];
     let [texel_x, texel_y] = map.texel_size(region.level);
     let [u, v] = map.place(seen, region.level);
@@ -54,6 +58,13 @@ pub fn backproject(map: &PreparedMap, seen: &Seen, region: &Region, hidden: &mut
                     continue;
                 }
                 let (du, dv) = (column as f32 - u, row as f32 - v);
+                if du * texel_x >= inner[0]
+                    && (du + 1.0) * texel_x <= inner[1]
+                    && dv * texel_y >= inner[2]
+                    && (dv + 1.0) * texel_y <= inner[3]
+                {
+                    continue;
+                }
                 // Rays from the light to the point pass it by.
                 if du * texel_x >= right * above
                     || (du + 1.0) * texel_x <= left * above

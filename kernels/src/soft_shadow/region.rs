@@ -103,7 +103,7 @@ impl<'a> Search<'a> {
     /// as much as a fine one shows close to it. No level has many more than `max_samples` texels.
     pub fn bands(&self, max_samples: usize) -> Regions {
         let mut regions = Regions::default();
-        let unit = unit(self.seen, max_samples, Some(self.map));
+        let unit = unit(self.seen, max_samples, self.map);
         for level in (0..self.map.levels.len()).rev() {
             let (from, to) = band(level, self.map.levels.len());
             let (above_from, above_to) = (from * unit, to * unit);
@@ -165,8 +165,7 @@ impl<'a> Search<'a> {
 }
 
 /// The rise above a point at which the light covers `max_samples` texels of level 0.
-pub fn unit(seen: &Seen, max_samples: usize, map: Option<&PreparedMap>) -> f32 {
-    let Some(map) = map else { return 1.0 };
+pub fn unit(seen: &Seen, max_samples: usize, map: &PreparedMap) -> f32 {
     let [texel_x, texel_y] = map.texel_size(0);
     let [left, right, bottom, top] = seen.bounds.map(f64::from);
     (max_samples as f64 * texel_x * texel_y / ((right - left) * (top - bottom))).sqrt() as f32

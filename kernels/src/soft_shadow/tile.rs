@@ -1,11 +1,13 @@
 //! The fast bitmask method over neighbouring points, which share the blocks of the map that may hide the light.
 
+use super::choose::{Served, from_point};
 use super::fast::{self, Place};
 use super::light::{Light, Seen};
-use super::plain::{Bits, OWN_SURFACE};
-use super::prepare::{BLOCK, Block, PreparedMap};
-use super::region::{MOST_LEVELS, Search};
+use super::plain::Bits;
+use super::prepare::{BLOCK, PreparedMap};
+use super::region::MOST_LEVELS;
 use super::simd::{MOST_LANES, Vector};
+use super::spread::{OwnPlane, Seam, Spread, blocks_around, highest_above};
 
 /// A point that the light may be hidden from.
 pub struct Open {
@@ -14,6 +16,8 @@ pub struct Open {
     pub hidden: Bits,
     /// The rise above the point at which texels of level 0 are as fine as they need be.
     pub unit: f32,
+    /// One beyond the last map that it reads.
+    pub maps_end: usize,
     /// Where the result goes.
     pub place: usize,
 }
@@ -28,19 +32,28 @@ pub struct Candidates {
     /// The level's band, in units of the point's own.
     from: Vec<f32>,
     to: Vec<f32>,
-    /// Level, block, and its first row and column.
-    which: Vec<(usize, usize, [usize; 2])>,
+    which: Vec<Which>,
     origin: [f64; 2],
+}
+
+/// A block of a map.
+struct Which {
+    level: usize,
+    block: usize,
+    /// First row and column.
+    corner: [usize; 2],
+    /// Some of its texels may lie in the inner window.
+    seam: bool,
 }
 
 /// Points of a tile so far apart that they share more blocks than this are taken in halves.
 const MOST_SHARED: usize = 768;
 
-/// Adds to `hidden` of every point what the map hides.
+/// Adds to `hidden` of every point what the map hides outside its inner window.
 #[inline(always)]
 pub fn hide<V: Vector>(
     vector: V,
-    map: &PreparedMap,
+    served: &Served,
     refinements: usize,
     points: &mut [Open],
     candidates: &mut Candidates,
@@ -56,7 +69,7 @@ pub fn hide<V: Vector>(
         if points.is_empty() {
             continue;
         }
-        if !candidates.gather(map, refinements, points) {
+        if !candidates.gather(served, refinements, points) {
             let middle = (start + end) / 2;
             ranges[waiting] = (start, middle);
             ranges[waiting + 1] = (middle, end);
@@ -65,56 +78,9 @@ pub fn hide<V: Vector>(
         }
         if !candidates.which.is_empty() {
             for point in points {
-                candidates.hide(vector, map, point);
+                candidates.hide(vector, served, point);
             }
         }
-    }
-}
-
-/// Ranges over a tile's points.
-struct Spread {
-    /// Least and greatest window x and y, relative to the origin.
-    x: [f64; 2],
-    y: [f64; 2],
-    rise: [f32; 2],
-    unit: [f32; 2],
-    /// Left, right, bottom, top that hold every point's light.
-    bounds: [f32; 4],
-    /// All points lie in the first one's tangent plane.
-    one_plane: bool,
-}
-
-impl Spread {
-    fn of(points: &[Open]) -> Spread {
-        let first = &points[0].seen;
-        let tangent = |seen: &Seen| super::light::dot(seen.geometric_normal, seen.base);
-        let (offset, size) = (tangent(first), super::light::dot(first.base, first.base).sqrt());
-        let mut spread = Spread {
-            x: [first.window_x; 2],
-            y: [first.window_y; 2],
-            rise: [first.rise; 2],
-            unit: [points[0].unit; 2],
-            bounds: first.bounds,
-            one_plane: true,
-        };
-        for point in points {
-            let seen = &point.seen;
-            let grow = |range: &mut [f64; 2], value: f64| *range = [range[0].min(value), range[1].max(value)];
-            grow(&mut spread.x, seen.window_x);
-            grow(&mut spread.y, seen.window_y);
-            spread.rise = [spread.rise[0].min(seen.rise), spread.rise[1].max(seen.rise)];
-            spread.unit = [spread.unit[0].min(point.unit), spread.unit[1].max(point.unit)];
-            let [left, right, bottom, top] = spread.bounds;
-            spread.bounds = [
-                left.min(seen.bounds[0]),
-                right.max(seen.bounds[1]),
-                bottom.min(seen.bounds[2]),
-                top.max(seen.bounds[3]),
-            ];
-            let turned = (0..3).any(|i| (seen.geometric_normal[i] - first.geometric_normal[i]).abs() > 1e-6);
-            spread.one_plane &= !turned && (tangent(seen) - offset).abs() <= 4e-6 * size;
-        }
-        spread
     }
 }
 
@@ -128,13 +94,15 @@ impl Candidates {
     }
 
     /// Collects the blocks that may hide the light from any of the points. False: too many, take fewer points.
-    fn gather(&mut self, map: &PreparedMap, refinements: usize, points: &[Open]) -> bool {
+    fn gather(&mut self, served: &Served, refinements: usize, points: &[Open]) -> bool {
         self.clear();
+        let map = served.map;
         let spread = Spread::of(points);
         let Some(highest) = highest_above(map, &spread, refinements) else {
             return true;
         };
         self.origin = [spread.x[0], spread.y[0]];
+        let inner = from_point(&served.inner, self.origin);
         let own_plane = spread.one_plane.then(|| OwnPlane::of(&points[0].seen));
         let levels = map.levels.len();
         let mut looked_at = 0;
@@ -174,6 +142,10 @@ impl Candidates {
                         {
                             continue;
                         }
+                        let seam = Seam::of(sides, inner, size);
+                        if seam == Seam::Within {
+                            continue;
+                        }
                         if let Some(plane) = &own_plane
                             && plane.covers(&points[0].seen, block, self.origin, sides, size)
                         {
@@ -186,7 +158,12 @@ impl Candidates {
                         }
                         self.from.push(from);
                         self.to.push(to);
-                        self.which.push((level, index, first));
+                        self.which.push(Which {
+                            level,
+                            block: index,
+                            corner: first,
+                            seam: seam == Seam::Across,
+                        });
                     }
                 }
             }
@@ -219,8 +196,9 @@ impl Candidates {
     }
 
     #[inline(always)]
-    fn hide<V: Vector>(&self, vector: V, map: &PreparedMap, point: &mut Open) {
-        let seen = &point.seen;
+    fn hide<V: Vector>(&self, vector: V, served: &Served, point: &mut Open) {
+        let (seen, map) = (&point.seen, served.map);
+        let inner = from_point(&served.inner, [seen.window_x, seen.window_y]);
         let [left, right, bottom, top] = seen.bounds;
         let x = vector.splat((seen.window_x - self.origin[0]) as f32);
         let y = vector.splat((seen.window_y - self.origin[1]) as f32);
@@ -254,12 +232,22 @@ impl Candidates {
             while found != 0 {
                 let lane = found.trailing_zeros() as usize;
                 found &= found - 1;
-                let (level, block, corner) = self.which[first + lane];
-                let place = places[level].get_or_insert_with(|| {
-                    let (from, to) = band(level, map.levels.len());
-                    Place::new(map, seen, level, from * point.unit, to * point.unit)
+                let which = &self.which[first + lane];
+                let place = places[which.level].get_or_insert_with(|| {
+                    let (from, to) = band(which.level, map.levels.len());
+                    Place::new(map, seen, which.level, from * point.unit, to * point.unit)
                 });
-                hidden = fast::backproject_block(vector, map, seen, place, block, corner, hidden);
+                let inner = which.seam.then_some(inner);
+                hidden = fast::backproject_block(
+                    vector,
+                    map,
+                    seen,
+                    place,
+                    which.block,
+                    which.corner,
+                    inner,
+                    hidden,
+                );
             }
             if vector.all_set(hidden) {
                 break;
@@ -284,94 +272,6 @@ pub fn band(level: usize, levels: usize) -> (f32, f32) {
         start(level + 1)
     };
     (start(level), end)
-}
-
-/// Largest rise of what may hide the light from any of the points: `Search::new` for many.
-fn highest_above(map: &PreparedMap, spread: &Spread, refinements: usize) -> Option<f32> {
-    let mut nearest = map.nearest();
-    let mut highest = nearest[0];
-    for round in 0.. {
-        if nearest[1] <= spread.rise[0] {
-            return None;
-        }
-        highest = highest.min(nearest[0]);
-        if round == refinements {
-            break;
-        }
-        let region = texels_around(map, spread, highest - spread.rise[0], 0)?;
-        nearest = Search::nearest_in(map, region.map(|side| side as i32));
-    }
-    Some(highest)
-}
-
-/// Columns and rows (first, end) of texels that the light's rays to any of the points may cross.
-fn texels_around(map: &PreparedMap, spread: &Spread, above: f32, level: usize) -> Option<[usize; 4]> {
-    let size = &map.levels[level];
-    let [texel_x, texel_y] = map.texel_size(level);
-    let [left, right, bottom, top] = spread.bounds.map(|side| f64::from(side * above));
-    let cut = |from: f64, to: f64, start: f64, texel: f64, count: usize| {
-        let limit = |place: f64| place.clamp(0.0, count as f64) as usize;
-        (
-            limit(((from - start) / texel).floor()),
-            limit(((to - start) / texel).floor() + 1.0),
-        )
-    };
-    let window = &map.view.window;
-    let (x0, x1) = cut(
-        spread.x[0] + left,
-        spread.x[1] + right,
-        window[0],
-        texel_x,
-        size.width,
-    );
-    let (y0, y1) = cut(
-        spread.y[0] + bottom,
-        spread.y[1] + top,
-        window[2],
-        texel_y,
-        size.height,
-    );
-    (x0 < x1 && y0 < y1).then_some([x0, x1, y0, y1])
-}
-
-fn blocks_around(map: &PreparedMap, spread: &Spread, above: f32, level: usize) -> Option<[usize; 4]> {
-    let [x0, x1, y0, y1] = texels_around(map, spread, above, level)?;
-    Some([x0 / BLOCK, x1.div_ceil(BLOCK), y0 / BLOCK, y1.div_ceil(BLOCK)])
-}
-
-/// The tangent plane that all points of a tile lie in: on flat ground it leaves out the ground itself.
-struct OwnPlane {
-    /// Height of (x, y, above) over the plane, up to a factor: the three products' sum.
-    slope: [f32; 3],
-}
-
-impl OwnPlane {
-    fn of(seen: &Seen) -> OwnPlane {
-        let [x, y, _] = seen.geometric_normal;
-        let along = -super::light::dot(seen.geometric_normal, seen.base);
-        OwnPlane { slope: [x, y, along] }
-    }
-
-    /// Whether all texels of the block are in the plane or below it, so that all they hide is below the
-    /// horizon. Allows for rounding, within what `plain::clears_own_surface` allows.
-    fn covers(&self, seen: &Seen, block: &Block, origin: [f64; 2], sides: [f32; 4], size: [f64; 2]) -> bool {
-        let [slope_x, slope_y, slope_above] = self.slope;
-        if slope_above <= 0.0 {
-            return false;
-        }
-        let x = 0.5 * (sides[0] + sides[1]) - (seen.window_x - origin[0]) as f32;
-        let y = 0.5 * (sides[2] + sides[3]) - (seen.window_y - origin[1]) as f32;
-        let terms = [
-            slope_x * x,
-            slope_y * y,
-            slope_above * (block.cover[0] - seen.rise),
-        ];
-        let reach = 0.5 * (BLOCK - 1) as f32;
-        let change_x = slope_x * size[0] as f32 + slope_above * block.cover[1];
-        let change_y = slope_y * size[1] as f32 + slope_above * block.cover[2];
-        let most = terms[0] + terms[1] + terms[2] + reach * (change_x.abs() + change_y.abs());
-        most <= 0.1 * OWN_SURFACE * (terms[0].abs() + terms[1].abs() + terms[2].abs())
-    }
 }
 
 /// Adds up what is left of the light.
