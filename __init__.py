@@ -5,10 +5,11 @@ from __future__ import annotations
 
 def _modules() -> tuple:
     """What registers, in order. Imported here: without Blender the package is importable too."""
+    from .addon.engine import engine
     from .addon.ui import panels, properties
-    from .ops import bake, command
+    from .ops import bake, command, ramp
 
-    return properties, bake, panels, command
+    return properties, engine, bake, ramp, panels, command
 
 
 def register() -> None:

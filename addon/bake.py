@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,7 +20,7 @@ from .core.recorder import plan
 from .core.sampling import Sampling
 from .devices.start import Devices, start_devices
 from .effects.registry import EFFECTS, effect_named
-from .effects.shared import lit
+from .effects.shared import composite, lit
 from .effects.shared.look import seen_boxes
 from .measure.measure import Measurement
 from .measure.report import Report, StepTime, report_of
@@ -30,7 +30,7 @@ from .measure.report import Report, StepTime, report_of
 class Options:
     """How to bake. `effects`: ids, None for all; `values`: parameter values by effect id and name;
     `samples` jittered surfaces a pixel; `probes` points to measure the error at, 0 for none; `lit` also
-    makes each light's unshadowed image, for a picture of the whole."""
+    makes each light's unshadowed image, and `composite` the picture of the whole."""
 
     effects: tuple[str, ...] | None = None
     backend: str = "auto"
@@ -39,6 +39,7 @@ class Options:
     values: dict[str, dict[str, Any]] = field(default_factory=dict)
     seed: int = 0
     lit: bool = False
+    composite: bool = False
 
     def __post_init__(self):
         if self.samples < 1:
@@ -53,19 +54,31 @@ class Options:
         effects = EFFECTS if self.effects is None else tuple(effect_named(name) for name in self.effects)
         return {e: e.params.checked(e.id, self.values.get(e.id, {})) for e in effects}
 
+    def sources(self) -> dict[str, tuple[Callable, Any]]:
+        """What effects offer to others, with their parameters, whether or not they are chosen themselves."""
+        return {
+            name: (record, effect.params.checked(effect.id, self.values.get(effect.id, {})))
+            for effect in EFFECTS
+            for name, record in effect.sources.items()
+        }
+
 
 def plan_scene(outline: Outline, options: Options) -> Graph:
     """What would run, what is left out, and why."""
-    return plan(outline, options.chosen(), lit.record if options.lit else None)
+    more = [record for on, record in ((options.composite, composite.record), (options.lit, lit.record)) if on]
+    return plan(outline, options.chosen(), *more, sources=options.sources())
 
 
 @dataclass(frozen=True)
 class Baked:
-    """`lit`: (height, width, 3) float32 unshadowed diffuse radiance by light index, if it was asked for."""
+    """`lit`: unshadowed diffuse radiance by light index, `composite`: that of all lights with all layers
+    joined, each (height, width, 4) float32, alpha is coverage and colour premultiplied, row 0 at the bottom;
+    empty and None where they were not asked for, or nothing is in view."""
 
     layers: LayerSet
     report: Report
     lit: dict[int, np.ndarray]
+    composite: np.ndarray | None = None
 
 
 class BakeJob:
@@ -237,7 +250,7 @@ class BakeJob:
             for layer in self.graph.layers
             if not layer.effect
         }
-        return Baked(layer_set, report, pictures)
+        return Baked(layer_set, report, pictures, pictures.pop(None, None))
 
 
 def _own_nodes(graph: Graph) -> dict[str, list]:
@@ -251,25 +264,48 @@ def _own_nodes(graph: Graph) -> dict[str, list]:
     return {name: [node for node in nodes if readers[node.key] == 1] for name, nodes in below.items()}
 
 
+def read_depsgraph(
+    depsgraph, options: Options, camera=None, size=None
+) -> tuple[Outline, Graph, Arrays, float]:
+    """Scans, plans and extracts what the plan reads from an evaluated depsgraph of Blender's (in render mode:
+    as F12 sees the scene); `camera` is Blender's, None for the scene's. Returns the seconds too."""
+    from .scene.extract import extract
+    from .scene.scan import ScanOptions, scan
+
+    started = time.perf_counter()
+    where = ScanOptions(size=size, camera=camera.name if camera else None, seed=options.seed)
+    found = scan(depsgraph, where)
+    graph = plan_scene(found.outline, options)
+    arrays = extract(found, graph.wants, graph.instances)
+    return found.outline, graph, arrays, time.perf_counter() - started
+
+
 def read_scene(
     scene, view_layer, options: Options, frame: int | None = None, camera=None, size=None
 ) -> tuple[Outline, Graph, Arrays, float]:
-    """Scans, plans and extracts what the plan reads, as F12 would see the scene; `scene`, `view_layer` and
-    `camera` are Blender's. Returns the seconds too. Only on the main thread."""
-    from .scene.extract import extract
+    """`read_depsgraph` of the scene as F12 would see it; `scene`, `view_layer` and `camera` are Blender's.
+    Only on the main thread."""
     from .scene.render_depsgraph import with_render_depsgraph
-    from .scene.scan import ScanOptions, scan
 
-    def look(depsgraph) -> tuple[Outline, Graph, Arrays, float]:
-        started = time.perf_counter()
-        found = scan(
-            depsgraph, ScanOptions(size=size, camera=camera.name if camera else None, seed=options.seed)
-        )
-        graph = plan_scene(found.outline, options)
-        arrays = extract(found, graph.wants, graph.instances)
-        return found.outline, graph, arrays, time.perf_counter() - started
+    def look(depsgraph):
+        return read_depsgraph(depsgraph, options, camera, size)
 
     return with_render_depsgraph(scene, view_layer, look, frame, camera)
+
+
+def read_job(
+    scene, view_layer, options_of: Callable[[Any], Options], frame: int | None = None, camera=None, size=None
+) -> BakeJob:
+    """A bake of the scene as F12 would see it. `options_of(scene)` is asked with the scene as evaluated at
+    the frame, where animated and driven settings have their values. Only on the main thread."""
+    from .scene.render_depsgraph import with_render_depsgraph
+
+    def look(depsgraph):
+        options = options_of(depsgraph.scene_eval)
+        return options, read_depsgraph(depsgraph, options, camera, size)
+
+    options, (*read, seconds) = with_render_depsgraph(scene, view_layer, look, frame, camera)
+    return BakeJob(*read, options, read_seconds=seconds)
 
 
 def bake(scene, view_layer, options: Options, **where) -> Baked:

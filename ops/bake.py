@@ -7,8 +7,9 @@ from pathlib import Path
 
 import bpy
 
-from ..addon.bake import Baked, BakeJob, read_scene
+from ..addon.bake import Baked, BakeJob, read_job
 from ..addon.core.errors import Cancelled, StrataError
+from ..addon.job import Runner, run_to_end
 from ..addon.layers.exr import write_layers
 from ..addon.layers.files import check_writable
 from ..addon.layers.images import make_images
@@ -16,7 +17,6 @@ from ..addon.ui.properties import options_of
 from ..addon.ui.registration import Classes
 from ..addon.ui.state import STATE, PlanRow
 from .arguments import Placeholder
-from .job import Runner, run_to_end
 from .planning import nothing_to_bake, read_plan
 from .terminal import time_left
 
@@ -102,12 +102,11 @@ class STRATA_OT_bake(bpy.types.Operator):
         self._path = _output(scene, self.filepath)
         if self._path:
             check_writable(self._path)
-        options = options_of(scene)
-        outline, graph, arrays, seconds = read_scene(scene, context.view_layer, options)
-        if reason := nothing_to_bake(graph):
+        job = read_job(scene, context.view_layer, options_of)
+        if reason := nothing_to_bake(job.graph):
             self.report({"WARNING"}, reason[0].upper() + reason[1:])
             return None
-        return BakeJob(outline, graph, arrays, options, read_seconds=seconds)
+        return job
 
     def _write(self, baked: Baked) -> None:
         """On the worker thread: nothing of Blender may be touched here."""
@@ -120,7 +119,7 @@ class STRATA_OT_bake(bpy.types.Operator):
             return {"CANCELLED"}
         if self._wants_images:
             make_images(baked.layers)
-        STATE.report, STATE.report_of = baked.layers.report, self._scene_id
+        STATE.show_report(self._scene_id, baked.layers.report)
         where = f" to {self._path}" if self._path else ""
         seconds = baked.layers.report["seconds"]
         self.report({"INFO"}, f"Baked {len(baked.layers.layers)} layers in {seconds:.1f} s{where}")

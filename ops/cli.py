@@ -8,11 +8,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from enum import Enum
+from functools import partial
 from typing import Any, TextIO
 
 from ..addon.core.effect import Effect
 from ..addon.core.errors import Cancelled, DeviceUnavailable, StrataError
+from ..addon.core.params import plain
 from ..addon.effects.registry import EFFECTS
 from .arguments import build_parser, check_outputs, nested
 from .terminal import Interrupts, Progress, clean_stdout
@@ -63,19 +64,19 @@ def _effects(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts)
     for effect in EFFECTS:
         print(f"{effect.id}: {effect.doc}", file=out)
         for spec in effect.params.specs():
-            print(f"  {effect.id}.{spec.name} = {_plain(spec.default)}  {_accepts(spec)}", file=out)
+            print(f"  {effect.id}.{spec.name} = {plain(spec.default)}  {_accepts(spec)}", file=out)
             print(f"      {spec.doc}", file=out)
     return OK
 
 
 def describe(effect: Effect) -> dict[str, Any]:
     """An effect's declaration as plain values."""
-    layers = [{**asdict(kind), "metric": kind.metric.value} for kind in effect.layers]
+    layers = [{name: plain(value) for name, value in asdict(kind).items()} for kind in effect.layers]
     params = [
         {
             "name": spec.name,
             "type": "choice" if spec.choices else spec.kind.__name__,
-            "default": _plain(spec.default),
+            "default": plain(spec.default),
             "choices": list(spec.choices),
             "hard": spec.hard,
             "soft": spec.soft,
@@ -87,10 +88,6 @@ def describe(effect: Effect) -> dict[str, Any]:
     ]
     declared = {"id": effect.id, "title": effect.title, "doc": effect.doc, "source": effect.source}
     return {**declared, "layers": layers, "params": params}
-
-
-def _plain(value: Any) -> Any:
-    return value.value if isinstance(value, Enum) else value
 
 
 def _accepts(spec) -> str:
@@ -181,9 +178,8 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     _check_targets(arguments, frames)
     with _properties():
         chosen = _open(arguments, interrupts)
-        options = options_of(chosen.scene, **given)
         for frame in chosen.frames:
-            _bake_frame(arguments, chosen, frame, options, out, interrupts)
+            _bake_frame(arguments, chosen, frame, partial(options_of, **given), out, interrupts)
     return OK
 
 
@@ -197,17 +193,15 @@ def _check_targets(arguments: argparse.Namespace, frames: tuple[int, ...]) -> No
 
 
 def _bake_frame(
-    arguments: argparse.Namespace, chosen, frame: int, options, out: TextIO, interrupts: Interrupts
+    arguments: argparse.Namespace, chosen, frame: int, options_of, out: TextIO, interrupts: Interrupts
 ) -> None:
-    from ..addon.bake import BakeJob, read_scene
+    from ..addon.bake import read_job
+    from ..addon.job import run_to_end
     from ..addon.measure.report import format_table
-    from .job import run_to_end
     from .planning import nothing_to_bake
 
-    outline, graph, arrays, seconds = read_scene(
-        chosen.scene, chosen.view_layer, options, frame, _camera(chosen), arguments.size
-    )
-    if reason := nothing_to_bake(graph):
+    job = read_job(chosen.scene, chosen.view_layer, options_of, frame, _camera(chosen), arguments.size)
+    if reason := nothing_to_bake(job.graph):
         if not arguments.quiet:
             print(f"strata: frame {frame}: {reason}", file=sys.stderr)
         return
@@ -219,7 +213,6 @@ def _bake_frame(
 
     try:
         interrupts.check()
-        job = BakeJob(outline, graph, arrays, options, read_seconds=seconds)
         baked = run_to_end(job, lambda baked: _write(arguments, frame, baked), show)
     finally:
         progress.clear()

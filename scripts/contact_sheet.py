@@ -32,10 +32,10 @@ def composite(layers: tuple[Layer, ...], lit: dict[int, np.ndarray]) -> np.ndarr
     """Linear (height, width, 3): each light's unshadowed diffuse radiance, by light index, times its shadow
     layer."""
     shadows = {layer.light_index: layer.pixels for layer in layers if layer.channels == "V"}
-    total = np.zeros(next(iter(lit.values())).shape, np.float32)
+    total = np.zeros((*next(iter(lit.values())).shape[:2], 3), np.float32)
     for index, radiance in lit.items():
         visible = shadows[index][:, :, None] if index in shadows else 1.0
-        total += radiance * (visible * (1.0 - AMBIENT) + AMBIENT)
+        total += radiance[..., :3] * (visible * (1.0 - AMBIENT) + AMBIENT)
     return total
 
 
@@ -72,7 +72,7 @@ def as_picture(layer: Layer) -> Image.Image:
 
 
 def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[int, np.ndarray]) -> None:
-    """Writes the sheet as PNG. `lit`: unshadowed diffuse radiance by light, (height, width, 3) linear."""
+    """Writes the sheet as PNG. `lit`: unshadowed diffuse radiance by light, (height, width, 4) linear."""
     hero = Image.fromarray(np.ascontiguousarray(developed(composite(layer_set.layers, lit))[::-1]))
     aspect = layer_set.height / layer_set.width
     hero_size = (WIDTH - 2 * MARGIN, round((WIDTH - 2 * MARGIN) * aspect))

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from contact_sheet import save_contact_sheet
 from strata.addon.bake import BakeJob, Options, read_scene
+from strata.addon.job import run_to_end
 from strata.addon.layers.exr import write_layers
 from strata.addon.measure.report import format_table
 from strata.addon.scene.open import choose, open_blend
-from strata.ops.job import run_to_end
 from strata.ops.terminal import Progress
 
 ROOT = Path(__file__).resolve().parents[1]

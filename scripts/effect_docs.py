@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import inspect
-from enum import Enum
 from importlib import import_module
 from pathlib import Path
 
 from strata.addon.core.effect import Effect
 from strata.addon.core.graph import Step
-from strata.addon.core.params import ParamSpec
+from strata.addon.core.params import Colour, ParamSpec, plain
+from strata.addon.core.ramp import Ramp
 from strata.addon.effects.registry import EFFECTS
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "effects"
@@ -72,7 +72,7 @@ def _layer_row(kind) -> list[str]:
 
 
 def _parameter_row(spec: ParamSpec) -> list[str]:
-    default = spec.default.value if isinstance(spec.default, Enum) else spec.default
+    default = str(spec.default) if spec.kind in (Colour, Ramp) else plain(spec.default)
     accepted = ", ".join(spec.choices)
     if spec.hard:
         accepted = f"{spec.hard[0]:g} to {spec.hard[1]:g}"

@@ -9,8 +9,8 @@ import pytest
 from conftest import SAMPLES
 from strata.addon.bake import BakeJob, Options, read_scene
 from strata.addon.core.errors import Cancelled, StrataError
+from strata.addon.job import Runner, run_to_end
 from strata.addon.scene.open import choose, open_blend
-from strata.ops.job import Runner, run_to_end
 
 # 0.2 s is the promise; five times that where others use the same cores.
 SECONDS_TO_STOP = 1.0

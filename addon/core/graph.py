@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from .effect import Blend
+
 
 @dataclass(frozen=True)
 class Step:
@@ -103,7 +105,7 @@ class LeftOut:
 class PlannedLayer:
     """An image that the graph makes. `name` is unique and safe for a file, `light` the light's own name;
     `channels` e.g. "V" or "RGBA"; `light_index` into Outline.lights, None where there is no one light;
-    `casters` are the instances that can block it into view."""
+    `casters` are the instances that can block it into view; `blend` is how it joins the composite."""
 
     name: str
     effect: str
@@ -112,6 +114,7 @@ class PlannedLayer:
     light: str = ""
     light_index: int | None = None
     casters: frozenset[int] = frozenset()
+    blend: Blend = Blend.NONE
 
 
 @dataclass(frozen=True)

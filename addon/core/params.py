@@ -9,12 +9,29 @@ from enum import Enum
 from typing import Any, get_type_hints
 
 from .errors import StrataError
+from .ramp import Ramp, srgb_code, srgb_colour
+
+
+class Colour(tuple[float, float, float]):
+    """Linear RGB in the working space, as the kind of a parameter."""
+
+    __slots__ = ()
+
+    def __new__(cls, red: float, green: float, blue: float):
+        return super().__new__(cls, (red, green, blue))
+
+    def __getnewargs__(self):
+        return tuple(self)
+
+    def __str__(self) -> str:
+        return srgb_code(self)
 
 
 @dataclass(frozen=True)
 class ParamSpec:
-    """One parameter: `kind` is int, float, bool or an Enum of strings; `hard` is what is accepted, `soft`
-    what a slider offers, both inclusive; `trades_time` says that raising it costs time and lowers error."""
+    """One parameter: `kind` is int, float, bool, str, an Enum of strings, a Colour or a Ramp; `hard` is what
+    is accepted, `soft` what a slider offers, both inclusive (of each of a Colour's channels); `trades_time`
+    says that raising it costs time and lowers error."""
 
     name: str
     kind: type
@@ -39,6 +56,12 @@ class ParamSpec:
             return self.kind(word)
         if self.kind is bool:
             return self._check_bool(where, value)
+        if self.kind is str:
+            return str(value)
+        if self.kind is Colour:
+            return self._check_colour(where, value)
+        if self.kind is Ramp:
+            return self._check_ramp(where, value)
         try:
             number = self.kind(value)
         except (TypeError, ValueError, OverflowError):
@@ -49,6 +72,28 @@ class ParamSpec:
         if self.hard and not self.hard[0] <= number <= self.hard[1]:
             raise StrataError(f"{where}: {value} is outside {self.hard[0]} to {self.hard[1]}")
         return number
+
+    def _check_colour(self, where: str, value: Any) -> Colour:
+        """From three numbers, or from `#rrggbb` (sRGB) or `0.1,0.2,0.3` (linear)."""
+        try:
+            if isinstance(value, str):
+                value = srgb_colour(value) if value.startswith("#") else map(float, value.split(","))
+            colour = Colour(*map(float, value))
+        except (TypeError, ValueError):
+            raise StrataError(f"{where}: '{value}' is not a colour like #ff8000 or 1,0.2,0") from None
+        low, high = self.hard or (-math.inf, math.inf)
+        if not all(math.isfinite(channel) and low <= channel <= high for channel in colour):
+            raise StrataError(f"{where}: {tuple(colour)} is outside {low} to {high}")
+        return colour
+
+    @staticmethod
+    def _check_ramp(where: str, value: Any) -> Ramp:
+        if isinstance(value, Ramp):
+            return value
+        try:
+            return Ramp.parse(str(value))
+        except StrataError as error:
+            raise StrataError(f"{where}: {error}") from None
 
     @staticmethod
     def _check_bool(where: str, value: Any) -> bool:
@@ -87,5 +132,12 @@ class Params:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        values = dataclasses.asdict(self)
-        return {name: value.value if isinstance(value, Enum) else value for name, value in values.items()}
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return {name: plain(value) for name, value in values.items()}
+
+
+def plain(value: Any) -> Any:
+    """A parameter's value as JSON knows it: an Enum's word, a Ramp's text, a Colour's three numbers."""
+    if isinstance(value, Enum):
+        return value.value
+    return str(value) if isinstance(value, Ramp) else list(value) if isinstance(value, Colour) else value

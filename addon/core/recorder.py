@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from .effect import Effect, LayerKind
 from .graph import Graph, LeftOut, Node, PlannedLayer, Step
@@ -16,8 +17,9 @@ NEEDED_FOR = {"shading_normal": "corner_normals", "uv": "uv"}
 class Recorder:
     """Collects the steps of all effects into one graph; equal nodes are one node."""
 
-    def __init__(self, outline: Outline):
+    def __init__(self, outline: Outline, sources: dict[str, tuple[Callable, Any]] | None = None):
         self.outline = outline
+        self._sources = sources or {}
         self.effect: Effect | None = None  # whose steps are being recorded
         self._nodes: dict[str, Node] = {}
         self._layers: list[PlannedLayer] = []
@@ -76,11 +78,20 @@ class Recorder:
         light = "" if light_index is None else self.outline.lights[light_index].name
         name = layer_name(kind.title, light, (layer.name for layer in self._layers))
         effect = self.effect.id if self.effect else ""
-        layer = PlannedLayer(name, effect, node, kind.channels, light, light_index, casters)
+        layer = PlannedLayer(name, effect, node, kind.channels, light, light_index, casters, kind.blend)
         self._layers.append(layer)
 
+    def source(self, name: str, light_index: int):
+        """What another effect offers to build on, with that effect's own parameters: "visibility" is (node,
+        casters) of a light's shadow, or None where there is none. Asked for by several, it is the same node.
+        Raises KeyError if no effect offers it."""
+        record, params = self._sources[name]
+        return record(self, self.outline, params, light_index)
+
     def left_out(self, what: str, reason: str, light: str = "") -> None:
-        self._left_out.append(LeftOut(what, reason, self.effect.id if self.effect else "", light))
+        """Notes it once, whoever comes upon it again."""
+        if not any(known.what == what and known.reason == reason for known in self._left_out):
+            self._left_out.append(LeftOut(what, reason, self.effect.id if self.effect else "", light))
 
     def graph(self) -> Graph:
         return Graph(
@@ -93,10 +104,16 @@ class Recorder:
         )
 
 
-def plan(outline: Outline, effects: dict[Effect, object], also: Callable | None = None) -> Graph:
-    """Records every effect that the scene needs; `effects` maps each to its parameters. `also(recorder,
-    outline)` may record more, after them and for no effect."""
-    recorder = Recorder(outline)
+def plan(
+    outline: Outline,
+    effects: dict[Effect, object],
+    *more: Callable,
+    sources: dict[str, tuple[Callable, Any]] | None = None,
+) -> Graph:
+    """Records every effect that the scene needs; `effects` maps each to its parameters. Each of `more`,
+    called with recorder and outline, may record more, after them and for no effect. `sources`: what effects
+    offer to others (`Effect.sources`), each with its parameters."""
+    recorder = Recorder(outline, sources)
     for effect, params in effects.items():
         recorder.effect = effect
         if reason := effect.needed(outline):
@@ -104,6 +121,6 @@ def plan(outline: Outline, effects: dict[Effect, object], also: Callable | None 
         else:
             effect.run(recorder, outline, params)
     recorder.effect = None
-    if also:
-        also(recorder, outline)
+    for record in more:
+        record(recorder, outline)
     return recorder.graph()

@@ -54,6 +54,7 @@ class GpuDevice:
         self._arrays: Arrays | None = None
         self._vertices = None  # what batches draw: so many vertices of nothing
         self._vertex_count = 0
+        self._textures: dict[int, GpuImage] = {}
         self._kept: dict[str, Any] = {}
         self._images: WeakSet[GpuImage] = WeakSet()
         self._gpu = _started()
@@ -69,10 +70,20 @@ class GpuDevice:
     def set_scene(self, outline: Outline, arrays: Arrays) -> None:
         """The scene that `geometry` is made of from now on."""
         self._outline, self._arrays = outline, arrays
+        self.release(self._textures)
+        self._textures = {}
 
     def geometry(self) -> GpuGeometry:
         """Every instance of the scene, at its index in the outline."""
         return GpuGeometry(self, self._outline, self._arrays)
+
+    def texture(self, image: int) -> GpuImage | None:
+        """Texels of `outline.images[image]`, uploaded when first asked for; None where they could not be
+        read."""
+        texels = self._arrays.textures.get(image)
+        if texels is not None and image not in self._textures:
+            self._textures[image] = self.upload(np.asarray(texels, np.float32))
+        return self._textures.get(image)
 
     # Values
 

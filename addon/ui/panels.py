@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..core.ramp import Ramp
 from ..effects.registry import EFFECTS
 from .registration import Classes
 from .state import STATE
@@ -82,6 +83,20 @@ class STRATA_PT_result(_Sidebar, bpy.types.Panel):
             layout.label(text=warning, icon="ERROR")
 
 
+def _draw_ramp(layout, group, path: str, name: str) -> None:
+    """A texture to take the ramp of, and that ramp; without one, a button that makes it."""
+    row = layout.row(align=True)
+    row.prop(group, name)
+    texture = getattr(group, name)
+    if texture is None:
+        new = row.operator("strata.new_ramp", text="", icon="ADD")
+        new.path, new.name = path, name
+    elif texture.use_color_ramp:
+        layout.template_color_ramp(texture, "color_ramp", expand=True)
+    else:
+        layout.prop(texture, "use_color_ramp")
+
+
 def _effect_panel(effect) -> type:
     """An effect's sub-panel: a checkbox in the header, its parameters below."""
 
@@ -95,7 +110,10 @@ def _effect_panel(effect) -> type:
         layout.use_property_decorate = False
         layout.active = group.enabled
         for spec in effect.params.specs():
-            layout.prop(group, spec.name)
+            if spec.kind is Ramp:
+                _draw_ramp(layout, group, f"scene.strata.{effect.id}", spec.name)
+            else:
+                layout.prop(group, spec.name)
 
     members = {
         "bl_label": effect.title,

@@ -10,7 +10,8 @@ import bpy
 
 from ..bake import Options
 from ..core.effect import Effect
-from ..core.params import ParamSpec
+from ..core.params import Colour, ParamSpec
+from ..core.ramp import HuePath, Ramp, RampInterpolation, RampMode
 from ..effects.registry import EFFECTS
 
 _FLOAT_LIMIT = 3.4e38  # of float32, which Blender keeps properties in
@@ -34,7 +35,8 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
     settings = scene.strata
     values = {
         effect.id: {
-            spec.name: getattr(getattr(settings, effect.id), spec.name) for spec in effect.params.specs()
+            spec.name: _value(spec, getattr(getattr(settings, effect.id), spec.name))
+            for spec in effect.params.specs()
         }
         for effect in EFFECTS
     }
@@ -49,6 +51,35 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
     return Options(values=values, **options | {k: v for k, v in overrides.items() if v is not None})
 
 
+def _value(spec: ParamSpec, value: Any) -> Any:
+    """What a property holds, as a parameter. A ramp is that of a texture, or the default without one."""
+    if spec.kind is not Ramp:
+        return value
+    return spec.default if value is None or not value.use_color_ramp else ramp_of(value.color_ramp)
+
+
+def ramp_of(ramp: bpy.types.ColorRamp) -> Ramp:
+    """Blender's own."""
+    stops = sorted(((e.position, tuple(e.color)) for e in ramp.elements), key=lambda stop: stop[0])
+    return Ramp(
+        tuple(stops),
+        RampInterpolation[ramp.interpolation],
+        RampMode[ramp.color_mode],
+        HuePath[ramp.hue_interpolation],
+    )
+
+
+def fill_ramp(ramp: bpy.types.ColorRamp, value: Ramp) -> None:
+    """The inverse of `ramp_of`."""
+    ramp.interpolation, ramp.color_mode = value.interpolation.name, value.mode.name
+    ramp.hue_interpolation = value.hue.name
+    while len(ramp.elements) > 1:
+        ramp.elements.remove(ramp.elements[-1])
+    for index, (position, colour) in enumerate(value.stops):
+        element = ramp.elements.new(position) if index else ramp.elements[0]
+        element.position, element.color = position, colour
+
+
 def _tooltip(spec: ParamSpec) -> str:
     text = spec.doc.rstrip(".")
     if spec.unit and spec.unit not in _SUBTYPES:
@@ -58,10 +89,8 @@ def _tooltip(spec: ParamSpec) -> str:
 
 def _enum_items(kind: type[Enum]) -> list[tuple[str, str, str, int]]:
     """Numbers made from the words themselves: a file keeps the number, and stays right when a choice is
-    added before another."""
-    return [
-        (word.value, title(word.value), "", zlib.crc32(word.value.encode()) & _INT_LIMIT) for word in kind
-    ]
+    added before another. Of 22 bits: an animation keeps them as float32, and adds a half."""
+    return [(word.value, title(word.value), "", zlib.crc32(word.value.encode()) & 0x3FFFFF) for word in kind]
 
 
 def _ranges(spec: ParamSpec, limit: float) -> dict[str, float]:
@@ -78,7 +107,16 @@ def _property(spec: ParamSpec):
         return bpy.props.EnumProperty(items=_enum_items(spec.kind), default=spec.default.value, **common)
     if spec.kind is bool:
         return bpy.props.BoolProperty(default=spec.default, **common)
+    if spec.kind is str:
+        return bpy.props.StringProperty(default=spec.default, **common)
+    if spec.kind is Ramp:
+        # Blender has no property for a ramp, but textures have one.
+        return bpy.props.PointerProperty(type=bpy.types.Texture, **common)
     subtype, unit = _SUBTYPES.get(spec.unit, ("NONE", "NONE"))
+    if spec.kind is Colour:
+        return bpy.props.FloatVectorProperty(
+            default=tuple(spec.default), size=3, subtype="COLOR", **_ranges(spec, _FLOAT_LIMIT), **common
+        )
     if spec.kind is int:
         subtype = "PIXEL" if subtype == "PIXEL" else "NONE"
         return bpy.props.IntProperty(
@@ -89,9 +127,17 @@ def _property(spec: ParamSpec):
     )
 
 
+def _update_passes(group: bpy.types.PropertyGroup, context) -> None:
+    """The compositor's sockets follow what is switched on."""
+    for view_layer in group.id_data.view_layers:
+        view_layer.update_render_passes()
+
+
 def _effect_group(effect: Effect) -> type:
     """The PropertyGroup of an effect: `enabled` and its parameters."""
-    on = bpy.props.BoolProperty(name=effect.title, description=effect.doc.rstrip("."), default=True)
+    on = bpy.props.BoolProperty(
+        name=effect.title, description=effect.doc.rstrip("."), default=True, update=_update_passes
+    )
     properties = {"enabled": on}
     for spec in effect.params.specs():
         properties[spec.name] = _property(spec)

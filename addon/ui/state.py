@@ -28,5 +28,9 @@ class State:
     report: dict[str, Any] = field(default_factory=dict)
     report_of: int | None = None
 
+    def show_report(self, scene: int, report: dict[str, Any]) -> None:
+        """The last bake or render of a scene, by its session id. From any thread."""
+        self.report, self.report_of = report, scene
+
 
 STATE = State()

@@ -1,18 +1,50 @@
-"""A simple picture of a scene's light: what diffuse surfaces would send back if nothing cast a shadow."""
+"""What light does to diffuse surfaces: their colour, what each lamp sends to them, and the sum of it all."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ...core.effect import LayerKind, Metric
-from ...core.graph import Step
+from ...core.culling import lights_region
+from ...core.effect import Blend, LayerKind, Metric
+from ...core.graph import Node, Step
 from ...core.outline import Light, Outline, emitter_measure
 from ...core.recorder import Recorder
+from . import gpu_lit
 
-LIT = LayerKind(title="Lit", channels="RGB", metric=Metric.RELATIVE_L2, per_light=True)
+LIT = LayerKind(title="Lit", channels="RGBA", metric=Metric.RELATIVE_L2, per_light=True)
 
 
-def _lit(device, surface, eye, emitter, radiance, albedos, images):
+def _material_colour(device, surface, colours, images):
+    """(h, w, 4) float32: the colour of each point's material, alpha 1; all 0 where there is no surface."""
+    table = np.zeros((len(colours) + 1, 4), np.float32)
+    table[:-1, :3] = np.reshape(colours, (-1, 3))
+    table[:-1, 3] = 1.0
+    found = surface["material"]
+    colour = table.take(found, axis=0, mode="wrap")  # index -1, a miss, is the last
+    for material, image in images:
+        texels = device.texture(image)
+        if texels is not None:
+            there = found == material
+            if there.any():
+                colour[there, :3] = bilinear(texels, surface["uv"][there])
+    return colour
+
+
+def bilinear(texels: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """(N, 3) float32: texels (height, width, 4) at uv (N, 2), repeated; texel centres at halves."""
+    height, width = texels.shape[:2]
+    # Whole turns are taken off first: float32 keeps few digits of a uv far from 0.
+    x = (uv[:, 0] - np.floor(uv[:, 0])) * np.float32(width) - np.float32(0.5)
+    y = (uv[:, 1] - np.floor(uv[:, 1])) * np.float32(height) - np.float32(0.5)
+    column, row = np.floor(x), np.floor(y)
+    along, up = (x - column)[:, None], (y - row)[:, None]
+    columns = [(column.astype(np.int64) + step) % width for step in (0, 1)]
+    rows = [(row.astype(np.int64) + step) % height for step in (0, 1)]
+    low, high = (texels[r, columns[0], :3] * (1 - along) + texels[r, columns[1], :3] * along for r in rows)
+    return low * (1 - up) + high * up
+
+
+def _irradiance(device, surface, eye, emitter, receivers):
     irradiance = device.kernels.irradiance(
         surface["position"],
         surface["shading_normal"],
@@ -20,53 +52,103 @@ def _lit(device, surface, eye, emitter, radiance, albedos, images):
         emitter.packed(),
         cancel=device.cancel_flag,
     )
-    colour = np.array([*albedos, (0.0, 0.0, 0.0)], np.float32)[surface["material"]]
-    for material, image in images:
-        texels = device.texture(image)
-        if texels is not None:
-            there = surface["material"] == material
-            colour[there] = _nearest(texels, surface["uv"][there])
-    return colour * irradiance[..., None] * np.array(radiance, np.float32) / np.float32(np.pi)
+    if receivers is not None:
+        lit = np.append(device.instance_mask(receivers), 0).astype(bool)
+        irradiance[~lit[surface["instance"]]] = 0.0
+    return irradiance
 
 
-def _nearest(texels: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """(N, 3) texels (height, width, 4) at uv (N, 2), repeated."""
-    height, width = texels.shape[:2]
-    column = np.floor(np.mod(uv[:, 0], 1.0) * width).astype(int) % width
-    row = np.floor(np.mod(uv[:, 1], 1.0) * height).astype(int) % height
-    return texels[row, column, :3]
+def _composite(device, albedo, *inputs, joins):
+    total = np.zeros_like(albedo)
+    total[..., 3] = albedo[..., 3]
+    queue = iter(inputs)
+    for kind, *details in joins:
+        image = next(queue)
+        if kind == "light":
+            radiance, shadows = details
+            for _ in range(shadows):
+                image = image * next(queue)
+            share = np.array(radiance, np.float32) / np.float32(np.pi)
+            total[..., :3] += albedo[..., :3] * (image[..., None] * share)
+            continue
+        colour = image[..., None] if image.ndim == 2 else image[..., :3]
+        if kind == Blend.MULTIPLY.value:
+            total[..., :3] *= colour
+        elif kind == Blend.ADD.value:
+            total[..., :3] += colour
+        else:
+            total[..., :3] = colour + (1.0 - image[..., 3:]) * total[..., :3]
+            total[..., 3] = image[..., 3] + (1.0 - image[..., 3]) * total[..., 3]
+    return total
 
 
-# Diffuse radiance without shadows, for pictures only: never a baked layer.
-STEP = Step("lit", cpu=_lit, hole="only pictures for people need it")
+# Base colour or emission of every shading point, RGBA with alpha 1 on a surface.
+MATERIAL_COLOUR = Step("material_colour", cpu=_material_colour, gpu=gpu_lit.material_colour)
+# What a light sends to every shading point if nothing is in the way, per unit of its radiance.
+IRRADIANCE = Step("irradiance", cpu=_irradiance, gpu=gpu_lit.irradiance)
+# Diffuse radiance towards the eye, RGBA, premultiplied.
+COMPOSITE = Step("composite", cpu=_composite, gpu=gpu_lit.composite)
 
 
-def _brightness(light: Light) -> tuple[float, float, float]:
+def brightness(light: Light) -> tuple[float, float, float]:
     """What the kernel's irradiance is per unit of: radiance, or intensity for a light of no size."""
     return light.radiance if emitter_measure(light.emitter) > 0.0 else light.intensity
 
 
-def record(recorder: Recorder, outline: Outline) -> None:
-    """Adds the picture of every light that the graph already has a layer of."""
-    planned = [layer for layer in recorder.layers if layer.light_index is not None]
+def shines(light: Light, visible: frozenset[int], region: np.ndarray) -> bool:
+    """Whether any of the instances `visible` may get light of it; `region` (2, 3) is the box around them."""
+    if light.is_dark or (light.receivers is not None and light.receivers.isdisjoint(visible)):
+        return False
+    return lights_region(light, region)
+
+
+def base_colour(recorder: Recorder, outline: Outline) -> Node:
+    """Diffuse colour of the surface that was recorded."""
     images = tuple(
         (index, material.base_color_image)
         for index, material in enumerate(outline.materials)
         if material.base_color_image is not None
     )
-    albedos = tuple(material.base_color for material in outline.materials)
-    for layer in planned:
-        light = outline.lights[layer.light_index]
+    if images:
         recorder.wants("uv", "base_color")
-        surface = recorder.surface_with("material", "uv")
+    surface = recorder.surface_with("material", *(("uv",) if images else ()))
+    colours = tuple(material.base_color for material in outline.materials)
+    return recorder.step(MATERIAL_COLOUR, surface, instance="base colour", colours=colours, images=images)
+
+
+def emission(recorder: Recorder, outline: Outline, visible: frozenset[int]) -> Node | None:
+    """What surfaces emit themselves; None where no material of the instances `visible` does."""
+    used = {material for index in visible for material in outline.instances[index].materials}
+    colours = tuple(material.emission for material in outline.materials)
+    if not any(any(colours[material]) for material in used):
+        return None
+    surface = recorder.surface_with("material")
+    return recorder.step(MATERIAL_COLOUR, surface, instance="emission", colours=colours, images=())
+
+
+def irradiance(recorder: Recorder, outline: Outline, light: Light) -> Node:
+    """What the light sends to the surface that was recorded."""
+    linked = ("instance",) if light.receivers is not None else ()
+    surface = recorder.surface_with("position", "shading_normal", *linked)
+    return recorder.step(
+        IRRADIANCE,
+        surface,
+        instance=light.name,
+        eye=outline.view.eye,
+        emitter=light.emitter,
+        receivers=light.receivers,
+    )
+
+
+def record(recorder: Recorder, outline: Outline) -> None:
+    """Adds the unshadowed picture of every light that the graph already has a layer of."""
+    for index in sorted({layer.light_index for layer in recorder.layers} - {None}):
+        light = outline.lights[index]
         node = recorder.step(
-            STEP,
-            surface,
+            COMPOSITE,
+            base_colour(recorder, outline),
+            irradiance(recorder, outline, light),
             instance=light.name,
-            eye=outline.view.eye,
-            emitter=light.emitter,
-            radiance=_brightness(light),
-            albedos=albedos,
-            images=images,
+            joins=(("light", brightness(light), 0),),
         )
-        recorder.layer(LIT, node, layer.light_index)
+        recorder.layer(LIT, node, index)

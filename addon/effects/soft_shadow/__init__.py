@@ -1,9 +1,9 @@
 """Soft shadows from layered shadow maps; see README.md in this folder."""
 
-from ...core.effect import Effect, LayerKind, Metric
+from ...core.effect import Blend, Effect, LayerKind, Metric
 from .params import SoftShadowParams
 from .reference import evaluate
-from .run import needed, run
+from .run import needed, run, visibility
 
 EFFECT = Effect(
     id="soft_shadow",
@@ -15,6 +15,7 @@ EFFECT = Effect(
             channels="V",
             metric=Metric.WEIGHTED_RMSE,
             per_light=True,
+            blend=Blend.SCALE_LIGHT,
             doc="Share of the light's irradiance that arrives: 1 is lit, 0 is in full shadow",
         ),
     ),
@@ -22,5 +23,6 @@ EFFECT = Effect(
     run=run,
     reference=evaluate,
     doc="Shadows of lights with a size, by projecting the texels of a layered depth map back onto the light",
+    sources={"visibility": visibility},
     source="Bavoil, thesis, chapter 5; Schwarz and Stamminger 2007 (bitmask)",
 )

@@ -243,7 +243,7 @@ def backproject(
             params |= window | {"window_high": (*window["window_high"], maps, leave_uncertain)}
             bound = samplers | {name: prepared[name] for name in ("texels", "pyramid", "blocks")}
             if run == "choose":
-                bound |= {"beside": table for table in tables[index : index + 1]}
+                bound |= {"beside": tables[index]} if tables else {}
                 shader = _choose_variant(defines, method, bool(tables))
                 device.dispatch(shader, size, {"choice": choice}, bound, params)
             else:
@@ -262,8 +262,8 @@ def backproject(
 
 
 def _share_axes(a: View, b: View) -> bool:
-    """Whether window coordinates of the two differ by a shift at most, which only an orthographic eye may make:
-    choose.rs `share_axes`."""
+    """Whether window coordinates of the two differ by a shift at most, which only an orthographic eye may
+    make: choose.rs `share_axes`."""
     turned = (a.right, a.up, a.forward) != (b.right, b.up, b.forward)
     return not turned and a.orthographic == b.orthographic and (a.orthographic or a.eye == b.eye)
 

@@ -31,19 +31,33 @@ def needed(outline: Outline) -> str | None:
 
 def run(recorder: Recorder, outline: Outline, params: SoftShadowParams) -> None:
     """One layer for each light whose shadow falls in view."""
+    from . import EFFECT
+
+    for index in range(len(outline.lights)):
+        if shadow := visibility(recorder, outline, params, index):
+            node, casters = shadow
+            recorder.layer(EFFECT.layers[0], node, index, casters)
+    seen, _ = receivers_in_view(outline, boxes_of(outline))
+    _report_idle_instances(recorder, outline, seen)
+
+
+def visibility(
+    recorder: Recorder, outline: Outline, params: SoftShadowParams, index: int
+) -> tuple[Node, frozenset[int]] | None:
+    """V of one light and what casts it, or None where nothing of its shadow falls in view: for other effects
+    too, by Recorder.source."""
+    light = outline.lights[index]
     boxes = boxes_of(outline)
     seen, receivers = receivers_in_view(outline, boxes)
     region = around(receivers) if len(receivers) else np.zeros((2, 3))
-    for index, light in enumerate(outline.lights):
-        reason = _unneeded(light, seen, region)
-        casters = frozenset() if reason else _casters(light, outline, region, boxes)
-        if not reason and not casters:
-            reason = "nothing casts a shadow into view"
-        if reason:
-            recorder.left_out(f"soft_shadow {light.name}", reason, light.name)
-        else:
-            _record_light(recorder, outline, params, index, casters, seen, receivers, boxes)
-    _report_idle_instances(recorder, outline, seen)
+    reason = _unneeded(light, seen, region)
+    casters = frozenset() if reason else _casters(light, outline, region, boxes)
+    if not reason and not casters:
+        reason = "nothing casts a shadow into view"
+    if reason:
+        recorder.left_out(f"soft_shadow {light.name}", reason, light.name)
+        return None
+    return _record_light(recorder, outline, params, index, casters, seen, receivers, boxes), casters
 
 
 def _unneeded(light: Light, seen: np.ndarray, region: np.ndarray) -> str | None:
@@ -69,9 +83,7 @@ def _casters(light: Light, outline: Outline, region: np.ndarray, boxes: np.ndarr
     return frozenset(np.flatnonzero(allowed & casters_into(light, region, boxes)).tolist())
 
 
-def _record_light(recorder, outline, params, index, casters, seen, receivers, boxes) -> None:
-    from . import EFFECT
-
+def _record_light(recorder, outline, params, index, casters, seen, receivers, boxes) -> Node:
     light = outline.lights[index]
     visible = frozenset(np.flatnonzero(seen).tolist())
     attributes = POINTS if light.receivers is None else (*POINTS, "instance")
@@ -118,7 +130,7 @@ def _record_light(recorder, outline, params, index, casters, seen, receivers, bo
         visibility = recorder.step(
             steps.RECEIVERS, surface, visibility, instance=light.name, receivers=light.receivers
         )
-    recorder.layer(EFFECT.layers[0], visibility, index, casters)
+    return visibility
 
 
 def _map(recorder: Recorder, outline: Outline, params: SoftShadowParams, view, casters, name: str) -> Node:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from ..addon.bake import Baked, BakeJob
-from ..addon.core.errors import Cancelled
+from .bake import Baked, BakeJob
+from .core.errors import Cancelled
 
 POLL_SECONDS = 0.05
 

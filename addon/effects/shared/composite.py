@@ -1,0 +1,56 @@
+"""The picture of the whole: every light times its shadow layers, joined by what effects add to it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.culling import around, boxes_of, receivers_in_view
+from ...core.effect import Blend, LayerKind, Metric
+from ...core.graph import Node
+from ...core.outline import Outline
+from ...core.recorder import Recorder
+from . import lit
+from .steps import surface
+
+KIND = LayerKind(
+    title="Composite",
+    channels="RGBA",
+    metric=Metric.RELATIVE_L2,
+    doc="Diffuse light of all lamps with all layers joined; alpha is coverage, colour is premultiplied",
+)
+
+
+def record(recorder: Recorder, outline: Outline) -> None:
+    """Adds the composite of everything recorded so far, as a layer of no effect.
+
+    Every light that shines on what is in view counts, those without a layer unshadowed. Layers join as
+    their kind declares (`LayerKind.blend`): first those that scale one light, then emission, then the others
+    in the order that they were declared in.
+    """
+    seen, receivers = receivers_in_view(outline, boxes_of(outline))
+    if not len(receivers):
+        return
+    visible = frozenset(np.flatnonzero(seen).tolist())
+    surface(recorder, outline, visible, "material")
+    region = around(receivers)
+    inputs: list[Node] = []
+    joins: list[tuple] = []
+    for index, light in enumerate(outline.lights):
+        if not lit.shines(light, visible, region):
+            continue
+        shadows = [
+            layer.node
+            for layer in recorder.layers
+            if layer.blend == Blend.SCALE_LIGHT and layer.light_index == index
+        ]
+        inputs += [lit.irradiance(recorder, outline, light), *shadows]
+        joins.append(("light", lit.brightness(light), len(shadows)))
+    if (emission := lit.emission(recorder, outline, visible)) is not None:
+        inputs.append(emission)
+        joins.append((Blend.ADD.value,))
+    for layer in recorder.layers:
+        if layer.blend not in (Blend.NONE, Blend.SCALE_LIGHT):
+            inputs.append(layer.node)
+            joins.append((layer.blend.value,))
+    albedo = lit.base_colour(recorder, outline)
+    recorder.layer(KIND, recorder.step(lit.COMPOSITE, albedo, *inputs, joins=tuple(joins)))

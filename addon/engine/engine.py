@@ -1,0 +1,108 @@
+"""The render engine: F12, animations, farms and the rendered viewport, with layers as render passes."""
+
+from __future__ import annotations
+
+import json
+
+import bpy
+import numpy as np
+
+from ..bake import Baked, BakeJob, read_depsgraph
+from ..core.errors import Cancelled, StrataError
+from ..job import Runner
+from ..ui.properties import options_of
+from ..ui.registration import Classes
+from ..ui.state import STATE
+from . import compatible_panels, material_preview, passes, sockets
+from .passes import COMBINED, PassImage
+
+POLL_SECONDS = 0.05  # between two looks whether the user cancelled
+
+
+class StrataRenderEngine(bpy.types.RenderEngine):
+    """Renders what a bake makes, pass by pass, and its composite as the combined image."""
+
+    bl_idname = "STRATA"
+    bl_label = "Strata"
+    bl_use_preview = True
+    bl_use_postprocess = True
+    bl_use_eevee_viewport = True  # Material Preview shading is EEVEE's
+    bl_use_shading_nodes_custom = False
+    # In a window F12 renders on a thread of its own, which gets a GPU context so. In background it is the
+    # main thread, where the GPU device starts Blender's context itself or says why not: asked for here,
+    # Blender 5.2 ends with a segmentation fault on machines that have none.
+    bl_use_gpu_context = not bpy.app.background
+
+    def update_render_passes(self, scene=None, renderlayer=None):
+        self.register_pass(scene, renderlayer, COMBINED, 4, "RGBA", "COLOR")
+        for kind in passes.registered(scene, renderlayer):
+            self.register_pass(scene, renderlayer, kind.name, len(kind.channels), kind.channels, kind.type)
+
+    def render(self, depsgraph):
+        if self.is_preview:
+            picture = material_preview.picture(depsgraph, self.resolution_x, self.resolution_y)
+            self._write("", [PassImage(COMBINED, "RGBA", picture)])
+            return
+        try:
+            job = self._job(depsgraph)
+            baked = self._baked(job)
+        except Cancelled:
+            return
+        except StrataError as error:
+            self.report({"ERROR"}, str(error))  # ends an animation too
+            return
+        except BaseException as error:
+            self.report({"ERROR"}, f"Strata failed: {error}")
+            raise  # Blender prints where
+        layer_name = depsgraph.view_layer.name
+        self._write(layer_name, passes.images_of(baked, job.outline, depsgraph), baked)
+        STATE.show_report(depsgraph.scene.session_uid, baked.layers.report)
+
+    def _job(self, depsgraph) -> BakeJob:
+        self.update_stats("", "Strata: Reading the scene")
+        options = options_of(depsgraph.scene_eval, composite=True)
+        *read, seconds = read_depsgraph(depsgraph, options)
+        return BakeJob(*read, options, read_seconds=seconds)
+
+    def _baked(self, job: BakeJob) -> Baked:
+        runner = Runner(job)
+        try:
+            while (baked := runner.step(POLL_SECONDS)) is None:
+                if self.test_break():
+                    runner.cancel()
+                self.update_progress(job.progress)
+                self.update_stats("", f"Strata: {job.stage} {100 * job.progress:.0f}%")
+            return baked
+        finally:
+            runner.stop()
+
+    def _write(self, layer_name: str, images: list[PassImage], baked: Baked | None = None) -> None:
+        """`images` are as large as what is computed."""
+        for image in images:
+            if image.name != COMBINED:
+                self.add_pass(image.name, len(image.channels), image.channels, layer=layer_name)
+        height, width = images[0].pixels.shape[:2]
+        result = self.begin_result(0, 0, width, height, layer=layer_name)
+        by_name = {image.name: image.pixels for image in images}
+        for render_pass in result.layers[0].passes:  # once for each eye, where there are two
+            if render_pass.name in by_name:
+                flat = np.ascontiguousarray(by_name[render_pass.name], np.float32).reshape(-1)
+                render_pass.rect.foreach_set(flat)
+        if baked is not None:
+            result.stamp_data_add_field(f"strata.{layer_name}.report", json.dumps(baked.layers.report))
+        self.end_result(result)
+
+
+_classes = Classes(StrataRenderEngine)
+
+
+def register() -> None:
+    _classes.register()
+    compatible_panels.register()
+    sockets.register()
+
+
+def unregister() -> None:
+    sockets.unregister()
+    compatible_panels.unregister()
+    _classes.unregister()

@@ -1,0 +1,50 @@
+"""Keeps the Render Layers node's sockets as many as there are passes, while the engine is Strata.
+
+Blender asks an engine for its passes when the engine is chosen or a node made, and not when a light is added.
+"""
+
+from __future__ import annotations
+
+import bpy
+from bpy.app.handlers import depsgraph_update_post, persistent
+
+from . import passes
+from .compatible_panels import ENGINE_ID
+
+# By scene (session id) and view layer: the passes that Blender was last told, and the lights looked at then.
+_told: dict[tuple[int, str], tuple[str, ...]] = {}
+_lights: dict[tuple[int, str], frozenset[str]] = {}
+
+
+@persistent
+def _follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """After every edit, so nearly always it has to end at once: what is added, deleted, hidden or switched
+    marks the scene as changed, and a rename its own object only."""
+    if scene.render.engine != ENGINE_ID:
+        return
+    if not depsgraph.id_type_updated("SCENE") and not any(map(_is_renamed_light, depsgraph.updates)):
+        return
+    for view_layer in scene.view_layers:
+        key = (scene.session_uid, view_layer.name)
+        _lights[key] = frozenset(shown.name for shown in view_layer.objects if shown.type == "LIGHT")
+        names = tuple(kind.name for kind in passes.registered(scene, view_layer))
+        if _told.get(key) != names:
+            _told[key] = names
+            view_layer.update_render_passes()
+
+
+def _is_renamed_light(update: bpy.types.DepsgraphUpdate) -> bool:
+    is_light = isinstance(update.id, bpy.types.Object) and update.id.type == "LIGHT"
+    return is_light and not any(update.id.name in names for names in _lights.values())
+
+
+def register() -> None:
+    if _follow not in depsgraph_update_post:
+        depsgraph_update_post.append(_follow)
+
+
+def unregister() -> None:
+    if _follow in depsgraph_update_post:
+        depsgraph_update_post.remove(_follow)
+    _told.clear()
+    _lights.clear()
