@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,12 +18,14 @@ from .core.layers import Layer, LayerSet
 from .core.outline import Outline
 from .core.recorder import plan
 from .core.sampling import Sampling
+from .devices.cpu import CpuRays
 from .devices.start import Devices, start_devices
 from .effects.registry import EFFECTS, effect_named
 from .effects.shared import composite, lit
 from .effects.shared.look import seen_boxes
+from .effects.shared.steps import ray_accelerator
 from .measure.measure import Measurement
-from .measure.report import Report, StepTime, report_of
+from .measure.report import LayerError, Report, StepTime, report_of
 
 
 @dataclass(frozen=True)
@@ -152,9 +154,9 @@ class BakeJob:
         errors = {}
         if options.probes:
             self.stage = "Measuring"
-            layers = [layer for layer in self.graph.layers if layer.effect]
+            layers = [layer for layer in self.graph.layers if layer.kind.reference]
             for number, layer in enumerate(layers):
-                errors[layer.name] = self._measure(measurement, executor, layer)
+                errors[layer.name] = yield from self._measure(measurement, executor, layer)
                 self.progress = share + (1.0 - share) * (number + 1) / len(layers)
                 yield
         executor.release()
@@ -176,17 +178,24 @@ class BakeJob:
             self.graph = plan_scene(self.outline, self.options)
         self._look_seconds = time.perf_counter() - started
 
-    def _measure(self, measurement: Measurement, executor: Executor, layer: PlannedLayer):
+    def _measure(
+        self, measurement: Measurement, executor: Executor, layer: PlannedLayer
+    ) -> Generator[None, None, LayerError]:
         """Rays against the layer's own casters, on the CPU whatever made the layer."""
-        from .devices.cpu import CpuRays
-        from .effects.shared.steps import ray_accelerator
-
-        device = self.devices.fallback
-        if device.cancel_flag.is_set():
-            raise Cancelled()
+        device, graph = self.devices.fallback, self.graph
         accelerator = executor.value(ray_accelerator(self.outline), device)
-        rays = CpuRays(accelerator, np.array(self.outline.view.eye), device.cancel_flag)
-        return measurement.measure(layer, rays, device.instance_mask(layer.casters))
+        camera = device.camera_rays(graph.surface.params["visible"], graph.surface_attributes)
+        rays = CpuRays(accelerator, np.array(self.outline.view.eye), device.cancel_flag, camera)
+        casters = device.instance_mask(layer.casters)
+        work = measurement.measure(layer, rays, casters, executor.execution.images[layer.name])
+        while True:
+            if device.cancel_flag.is_set():
+                raise Cancelled()
+            try:
+                next(work)
+            except StopIteration as end:
+                return end.value
+            yield
 
     def _finished(self, executor: Executor, errors: dict, seconds: float) -> Baked:
         outline, execution = self.outline, executor.execution

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from strata.addon.measure.estimate import Group, Measured, binary_part, grouped_part
 from strata.addon.measure.interval import Part, gamma_distribution, gamma_quantile, joined, limits
+from strata.addon.measure.measure import finished
 from strata.addon.measure.survey import allot
 from strata.addon.measure.visibility import measure_visibility
 
@@ -71,6 +72,11 @@ def test_allot():
     assert allot(0, [5, 0, 1], [1, 0, 1]) == [2, 0, 1]  # an empty group would bias the estimate
     assert allot(100, [3, 4], [1, 1]) == [3, 4]
     assert allot(100, [], []) == []
+
+
+def measured(field, probes, rng, seed):
+    strata = field.strata(probes, rng)
+    return finished(measure_visibility(strata, probes, field.weigh, field.screen, field.reference, seed))
 
 
 def average_of(totals):
@@ -148,9 +154,7 @@ def test_interval_holds_the_truth(maker):
     for run in range(runs):
         if run % 10 == 0:
             field = maker(rng, pixels)
-        error = measure_visibility(
-            field.strata(probes, rng), probes, field.weigh, field.screen, field.reference, seed=run
-        )
+        error = measured(field, probes, rng, seed=run)
         held += error.ci95[0] <= field.rmse <= error.ci95[1]
     assert held >= 0.9 * runs
 
@@ -158,9 +162,7 @@ def test_interval_holds_the_truth(maker):
 def test_interval_is_narrow_for_common_errors_at_the_default_probes():
     rng = np.random.default_rng(6)
     field = fields.healthy(rng, 960 * 540)
-    error = measure_visibility(
-        field.strata(2048, rng), 2048, field.weigh, field.screen, field.reference, seed=0
-    )
+    error = measured(field, 2048, rng, seed=0)
     assert field.rmse == pytest.approx(0.011, abs=5e-4)
     assert 0.0100 < error.ci95[0] < field.rmse < error.ci95[1] < 0.0126
     assert error.value == pytest.approx(field.rmse, rel=0.06)
@@ -188,21 +190,15 @@ def test_bias_and_largest_error_are_found():
     rng = np.random.default_rng(8)
     field = fields.slightly_leaking(rng, 100_000)
     bias = np.average(field.values - field.truths, weights=field.weights)
-    found = [
-        measure_visibility(field.strata(512, rng), 512, field.weigh, field.screen, field.reference, seed).bias
-        for seed in range(20)
-    ]
+    found = [measured(field, 512, rng, seed).bias for seed in range(20)]
     mean, error = average_of(found)
     assert mean == pytest.approx(bias, abs=4 * error)
     spoilt = fields.spoilt(rng, 100_000, 1e-3)
-    assert (
-        measure_visibility(spoilt.strata(512, rng), 512, spoilt.weigh, spoilt.screen, spoilt.reference, 1).max
-        > 0.9
-    )
+    assert measured(spoilt, 512, rng, seed=1).max > 0.9
 
 
 def test_nothing_to_measure():
-    error = measure_visibility([], 100, None, None, None, seed=0)
+    error = finished(measure_visibility([], 100, None, None, None, seed=0))
     assert (error.value, error.ci95, error.bias, error.p99, error.max) == (0.0, (0.0, 0.0), 0.0, 0.0, 0.0)
     assert error.probes == 0
 
@@ -212,6 +208,7 @@ def test_same_seed_same_figures():
     field = fields.healthy(rng, 20_000)
     strata = field.strata(128, rng)
     first, second = (
-        measure_visibility(strata, 128, field.weigh, field.screen, field.reference, 3) for _ in range(2)
+        finished(measure_visibility(strata, 128, field.weigh, field.screen, field.reference, 3))
+        for _ in range(2)
     )
     assert first.to_json() | {"seconds": 0} == second.to_json() | {"seconds": 0}

@@ -8,11 +8,15 @@ from strata.addon.core.random import hash_bits, text_bits
 from strata.addon.core.surface import Chunk, SurfacePoints
 from strata.addon.devices.cpu import CpuRays
 from strata.addon.measure.difficulty import Difficulty, Ground, classify, near_changes, reach
-from strata.addon.measure.probes import KEPT, ProbeCollector, Watched
+from strata.addon.measure.probes import KEPT, ProbeCollector, WatchedShadow, shadow_strata
 
 WIDTH, HEIGHT = 61, 47
 AXES = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)
 LAMP = Emitter(EmitterKind.RECTANGLE, (0.0, 0.0, 3.0), *AXES, 0.3, 0.3)
+
+
+def watched_shadow(effect="soft_shadow", receivers=None):
+    return WatchedShadow("Shadow", effect, LAMP, np.zeros(3), receivers)
 
 
 def scene():
@@ -35,8 +39,8 @@ def collected(tiles, watched=None, probes=4, seed=3, frame=1, spoil=None):
     surface, values = scene()
     if spoil:
         spoil(surface, values)
-    watched = watched or [Watched("Shadow", "soft_shadow", LAMP)]
-    collector = ProbeCollector(watched, (0.0, 0.0, 0.0), probes, seed, frame)
+    watched = watched or [watched_shadow()]
+    collector = ProbeCollector(watched, probes, seed, frame)
     y0 = 0
     for rows in tiles:
         y1 = y0 + rows
@@ -44,7 +48,7 @@ def collected(tiles, watched=None, probes=4, seed=3, frame=1, spoil=None):
         layers = {layer.name: values[y0:y1] for layer in watched}
         collector.add(Chunk(WIDTH, HEIGHT, y0, y1, 0, (0.0, 0.0)), tile, layers)
         y0 = y1
-    return collector.strata(watched[0].name)
+    return shadow_strata(collector, watched[0])
 
 
 def codes():
@@ -96,7 +100,7 @@ def test_seed_frame_and_effect_change_the_choice():
         strata = collected([HEIGHT], probes=1, **changes)
         return [pixel for stratum in strata for pixel in stratum.pixels.tolist()]
 
-    other_effect = [Watched("Shadow", "toon", LAMP)]
+    other_effect = [watched_shadow(effect="toon")]
     choices = [pixels(), pixels(seed=4), pixels(frame=2), pixels(frame=-1), pixels(watched=other_effect)]
     assert len({tuple(choice) for choice in choices}) == 5
     assert pixels() == choices[0]
@@ -104,15 +108,15 @@ def test_seed_frame_and_effect_change_the_choice():
 
 def test_later_samples_are_passed_over_and_gaps_refused():
     surface, values = scene()
-    collector = ProbeCollector([Watched("Shadow", "soft_shadow", LAMP)], (0, 0, 0), 4, 0, 1)
+    collector = ProbeCollector([watched_shadow()], 4, 0, 1)
     collector.add(Chunk(WIDTH, HEIGHT, 0, HEIGHT, 1, (0.2, 0.1)), surface, {"Shadow": values})
-    assert collector.strata("Shadow") == ()
+    assert list(collector.kept("Shadow")) == []
     with pytest.raises(ValueError, match="row 5 came before that at row 0"):
         collector.add(Chunk(WIDTH, HEIGHT, 5, HEIGHT, 0, (0.0, 0.0)), surface, {"Shadow": values})
 
 
 def test_what_the_light_does_not_light_is_left_alone():
-    lit = collected([20, HEIGHT - 20], [Watched("Shadow", "soft_shadow", LAMP, frozenset({7}))])
+    lit = collected([20, HEIGHT - 20], [watched_shadow(receivers=frozenset({7}))])
     assert lit
     assert all((stratum.pixels % WIDTH > 50).all() for stratum in lit)
 

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from strata.addon.core.graph import Graph, LeftOut, Node, PlannedLayer, Step
 from strata.addon.core.version import VERSION
+from strata.addon.effects.shared.lit import LIT
+from strata.addon.effects.soft_shadow import EFFECT
 from strata.addon.measure.report import (
     LayerError,
     LayerReport,
@@ -41,14 +43,16 @@ NAMES = ["Soft Shadow Key", "Soft Shadow Fill"]
 
 def report(**changes) -> Report:
     node = Node(Step("soft_shadow/visibility"), "Key", (), {})
-    layers = [PlannedLayer(name, "soft_shadow", node, "V", name.split()[-1], 0) for name in NAMES]
+    layers = [
+        PlannedLayer(name, "soft_shadow", node, EFFECT.layers[0], None, name.split()[-1], 0) for name in NAMES
+    ]
     image = np.ones((540, 960), np.float32)
     spoilt = image.copy()
     spoilt[3, 4:6] = np.nan
     facts = {
         "outline": OUTLINE,
         "graph": Graph(
-            (*layers, PlannedLayer("picture", "", node, "RGB")),
+            (*layers, PlannedLayer("picture", "", node, LIT)),
             (LeftOut("soft_shadow Rim", "reaches nothing in view"),),
             None,
             frozenset(),

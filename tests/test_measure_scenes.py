@@ -18,7 +18,7 @@ from strata.addon.core.surface import Chunk
 from strata.addon.devices.cpu import CpuDevice, CpuRays
 from strata.addon.effects.shared import steps
 from strata.addon.effects.soft_shadow import EFFECT
-from strata.addon.measure.measure import Measurement
+from strata.addon.measure.measure import Measurement, finished
 from strata.addon.measure.report import LayerError
 
 SCENES = 50
@@ -51,7 +51,7 @@ class Shot:
         measurement.add(
             Chunk(width, height, 0, height, 0, (0.0, 0.0)), self.surface, {self.layer.name: values}
         )
-        return measurement.measure(self.layer, self.rays, self.casters)
+        return finished(measurement.measure(self.layer, self.rays, self.casters, values))
 
     def truth(self) -> tuple[np.ndarray, np.ndarray]:
         """Two independent estimates (2, pixels) and the weights (pixels,), by the kernel's light samples."""
@@ -166,5 +166,5 @@ def test_the_choice_of_tiles_does_not_change_the_report(monkeypatch):
     device = CpuDevice()
     device.set_scene(*random_scene(2))
     drain(Executor(device, device).run(shot.graph, Sampling(*shot.outline.size), measurement))
-    tiled = measurement.measure(shot.layer, shot.rays, shot.casters)
+    tiled = finished(measurement.measure(shot.layer, shot.rays, shot.casters, shot.values))
     assert tiled.to_json() | {"seconds": 0} == shot.measured().to_json() | {"seconds": 0}

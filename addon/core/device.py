@@ -9,6 +9,7 @@ import numpy as np
 
 from .emitter import Emitter
 from .surface import SurfacePoints
+from .view_rays import ViewRays
 
 
 class Device(Protocol):
@@ -54,6 +55,16 @@ class RayCaster(Protocol):
         self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray
     ) -> np.ndarray:
         """(N,) bool: whether anything of `casters` (instances,) bool lies within t_max along each ray."""
+
+    def nearest(
+        self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The nearest hit: its parameter (N,) float32, infinite for none, and the instance and the triangle
+        of its mesh (N,) int32, -1 for none. Arguments as for `occluded`."""
+
+    def look(self, pixels: np.ndarray, jitter: np.ndarray) -> ViewRays:
+        """What the camera sees through `pixels` (N, 2), `jitter` (N, 2) pixels beside their centres: view
+        rays with the graph's surface attributes, found by rays."""
 
     def screen(self, casters: np.ndarray, emitter: Emitter, points: SurfacePoints, seed: int) -> np.ndarray:
         """(N, 2) uint8: two independent estimates of each point's visibility by one ray each, 0 or 1."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from enum import Enum
 
 from .params import Params
+from .shader import Shader
 
 
 class Metric(Enum):
@@ -29,25 +30,53 @@ class Blend(Enum):
     OVER = "over"
 
 
+def no_shaders() -> Iterable[Shader]:
+    """Of an effect that runs on the CPU only."""
+    return ()
+
+
 @dataclass(frozen=True)
 class LayerKind:
     """The layers an effect makes: one a light (`per_light`) or one. `title` is the pass name's first part,
-    `blend` how they join the composite."""
+    `channels` one letter each, "V" or "RGB"; `blend` says how they join the composite.
+
+    `reference` is the slow, independent truth that probes of the layer are scored against (addon/measure),
+    `reference_name` says in words what it is ("ray marched, 2 x 64 steps"). What it is called with depends
+    on the metric:
+
+    - WEIGHTED_RMSE, the visibility of one light: `reference(rays, light, points, samples, seed)`, see
+      effects/soft_shadow/reference.py. Only pixels that show a surface count.
+    - RELATIVE_L2, light or transmittance: `reference(rays, outline, layer, view_rays, seed)` gives what the
+      layer should hold along each of `view_rays` (core/view_rays.py), (estimates, N, channels) float64, all
+      finite: one estimate where it is exact, two independent ones where it is random. Pixels that show no
+      surface count too.
+    - WRONG_SHARE, masks and toon: the same, at points inside the pixels. The caller supersamples: 64 view
+      rays a pixel, drawn from the render's pixel filter, are averaged and compared with the finished image.
+
+    `rays` is a RayCaster (core/device.py), `layer` the PlannedLayer, which knows its light, its casters and
+    its effect's parameters. Calls come in batches of at most a few thousand view rays, each with its own
+    `seed`, and should take some hundredths of a second: in a window they run between redraws.
+
+    `looks`: pixels looked at for each probe that was asked for; more than 1 where the reference is cheap.
+    """
 
     title: str
     channels: str
     metric: Metric
+    reference: Callable | None = None
+    reference_name: str = ""
     per_light: bool = False
     blend: Blend = Blend.NONE
+    looks: int = 1
     doc: str = ""
 
 
 @dataclass(frozen=True)
 class Effect:
     """`id` is the folder's name. `run(recorder, outline, params)` records steps; `needed(outline)` gives the
-    reason why the scene does not need the effect, or None; `reference(rays, light, points, samples,
-    seed)` is the slow, independent truth that probes are scored against (addon/measure). `sources` records,
-    by name, what other effects may build on: each as `record(recorder, outline, params, light_index)`."""
+    reason why the scene does not need the effect, or None; `sources` records, by name, what other effects may
+    build on: each as `record(recorder, outline, params, light_index)`; `shaders()` yields every GPU program
+    that its steps may compile."""
 
     id: str
     title: str
@@ -55,7 +84,7 @@ class Effect:
     layers: tuple[LayerKind, ...]
     needed: Callable
     run: Callable
-    reference: Callable
     doc: str
     source: str
     sources: dict[str, Callable] = field(default_factory=dict, hash=False, compare=False)
+    shaders: Callable[[], Iterable[Shader]] = no_shaders

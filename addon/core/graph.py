@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from .effect import Blend
+from .effect import Blend, LayerKind
+from .params import Params
 
 
 @dataclass(frozen=True)
@@ -103,18 +104,29 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class PlannedLayer:
-    """An image that the graph makes. `name` is unique and safe for a file, `light` the light's own name;
-    `channels` e.g. "V" or "RGBA"; `light_index` into Outline.lights, None where there is no one light;
-    `casters` are the instances that can block it into view; `blend` is how it joins the composite."""
+    """An image that the graph makes. `name` is unique and safe for a file; `effect` is the effect's id, empty
+    for a picture that is no baked layer; `params` are the effect's. `light` is the light's own name,
+    `light_index` its place in Outline.lights, None where there is no one light; `casters` are the instances
+    that can block it into view."""
 
     name: str
     effect: str
     node: Node
-    channels: str
+    kind: LayerKind
+    params: Params | None = None
     light: str = ""
     light_index: int | None = None
     casters: frozenset[int] = frozenset()
-    blend: Blend = Blend.NONE
+
+    @property
+    def channels(self) -> str:
+        """One letter each, "V" or "RGBA"."""
+        return self.kind.channels
+
+    @property
+    def blend(self) -> Blend:
+        """How it joins the composite."""
+        return self.kind.blend
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from .effect import Effect, LayerKind
 from .graph import Graph, LeftOut, Node, PlannedLayer, Step
 from .naming import layer_name
 from .outline import Outline
+from .params import Params
 
 # What a surface's attribute asks of the extraction, beyond positions.
 NEEDED_FOR = {"shading_normal": "corner_normals", "uv": "uv"}
@@ -21,6 +22,7 @@ class Recorder:
         self.outline = outline
         self._sources = sources or {}
         self.effect: Effect | None = None  # whose steps are being recorded
+        self.params: Params | None = None  # that effect's
         self._nodes: dict[str, Node] = {}
         self._layers: list[PlannedLayer] = []
         self._left_out: list[LeftOut] = []
@@ -78,7 +80,7 @@ class Recorder:
         light = "" if light_index is None else self.outline.lights[light_index].name
         name = layer_name(kind.title, light, (layer.name for layer in self._layers))
         effect = self.effect.id if self.effect else ""
-        layer = PlannedLayer(name, effect, node, kind.channels, light, light_index, casters, kind.blend)
+        layer = PlannedLayer(name, effect, node, kind, self.params, light, light_index, casters)
         self._layers.append(layer)
 
     def source(self, name: str, light_index: int):
@@ -106,21 +108,21 @@ class Recorder:
 
 def plan(
     outline: Outline,
-    effects: dict[Effect, object],
+    effects: dict[Effect, Params],
     *more: Callable,
-    sources: dict[str, tuple[Callable, Any]] | None = None,
+    sources: dict[str, tuple[Callable, Params]] | None = None,
 ) -> Graph:
     """Records every effect that the scene needs; `effects` maps each to its parameters. Each of `more`,
     called with recorder and outline, may record more, after them and for no effect. `sources`: what effects
     offer to others (`Effect.sources`), each with its parameters."""
     recorder = Recorder(outline, sources)
     for effect, params in effects.items():
-        recorder.effect = effect
+        recorder.effect, recorder.params = effect, params
         if reason := effect.needed(outline):
             recorder.left_out(effect.id, reason)
         else:
             effect.run(recorder, outline, params)
-    recorder.effect = None
+    recorder.effect = recorder.params = None
     for record in more:
         record(recorder, outline)
     return recorder.graph()

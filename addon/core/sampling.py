@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -41,7 +42,22 @@ def jitters(pixel_filter: PixelFilter, samples: int) -> np.ndarray:
         bit *= 0.5
     # Ranks of the radical inverses: one point in each row and each column, and centred, for any count.
     rank = np.argsort(np.argsort(radical))
-    uniform = (np.stack([index, rank], axis=1) + 0.5) / samples
+    return _quantiles(pixel_filter, (np.stack([index, rank], axis=1) + 0.5) / samples)
+
+
+def footprints(pixel_filter: PixelFilter, pixels: int, samples: int, seed: int) -> np.ndarray:
+    """(pixels, samples, 2) float64 random offsets in pixels whose density is the filter, for each pixel its
+    own: one in each cell of a grid of rows x columns = samples."""
+    rows = next(r for r in range(math.isqrt(samples), 0, -1) if samples % r == 0)
+    columns = samples // rows
+    generator = np.random.Generator(np.random.PCG64(seed))
+    row, column = np.divmod(np.arange(samples), columns)
+    cells = np.stack([column, row], axis=1) + generator.random((pixels, samples, 2))
+    return _quantiles(pixel_filter, cells / (columns, rows))
+
+
+def _quantiles(pixel_filter: PixelFilter, uniform: np.ndarray) -> np.ndarray:
+    """Offsets along each axis that the shares `uniform` of the filter lie below."""
     edges = np.linspace(-pixel_filter.radius, pixel_filter.radius, TABLE_LENGTH + 1)
     weights = filter_weight(pixel_filter, 0.5 * (edges[1:] + edges[:-1]))
     distribution = np.concatenate([[0.0], np.cumsum(weights)])

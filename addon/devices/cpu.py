@@ -12,6 +12,13 @@ from ..core.arrays import Arrays, MeshArrays
 from ..core.emitter import Emitter
 from ..core.outline import Outline
 from ..core.surface import SurfacePoints
+from ..core.view_rays import ViewRays
+from .camera_rays import CameraRays
+
+
+def triangulate(mesh: MeshArrays) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of each triangle (T, 3) and its face (T,), int32, as in `CpuDevice.geometry`."""
+    return strata_kernels.triangulate(mesh.positions, mesh.corner_vertices, mesh.face_starts)
 
 
 class CpuDevice:
@@ -56,6 +63,11 @@ class CpuDevice:
         mask[sorted(instances)] = 1
         return mask
 
+    def camera_rays(self, visible: frozenset[int], attributes: frozenset[str]) -> CameraRays:
+        """Fills the surface `attributes` of the instances `visible` along any view ray."""
+        mask = self.instance_mask(visible)
+        return CameraRays(triangulate, self._outline, self._arrays, mask, attributes)
+
     def texture(self, image: int) -> np.ndarray | None:
         """Texels of `outline.images[image]`, None where they could not be read."""
         return self._arrays.textures.get(image)
@@ -73,18 +85,22 @@ class CpuDevice:
         pass
 
 
-def triangulate(mesh: MeshArrays) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of each triangle (T, 3) and its face (T,), int32, as in `CpuDevice.geometry`."""
-    return strata_kernels.triangulate(mesh.positions, mesh.corner_vertices, mesh.face_starts)
-
-
 class CpuRays:
-    """A RayCaster over a kernel's bounding volume hierarchy."""
+    """A RayCaster over a kernel's bounding volume hierarchy. `camera`: what `look` asks."""
 
-    def __init__(self, accel: strata_kernels.Accel, origin: np.ndarray, cancel_flag=None):
+    def __init__(self, accel: strata_kernels.Accel, origin: np.ndarray, cancel_flag=None, camera=None):
         self.accel = accel
         self.origin = origin
         self.cancel_flag = cancel_flag
+        self.camera: CameraRays | None = camera
+
+    def nearest(
+        self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.accel.nearest(casters, origins, directions, t_max, cancel=self.cancel_flag)
+
+    def look(self, pixels: np.ndarray, jitter: np.ndarray) -> ViewRays:
+        return self.camera.look(self.nearest, pixels, jitter)
 
     def occluded(
         self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ..core.shader import Shader
+from ..effects.registry import EFFECTS
 from ..effects.shared import gpu_lit as lit
 from ..effects.shared import gpu_steps as shared
-from ..effects.soft_shadow import gpu_steps as soft_shadow
 from .gpu import BARRIER, SPLIT_TO_INTEGER
 
 
@@ -16,4 +16,5 @@ def all_shaders() -> Iterator[Shader]:
     yield from (BARRIER, SPLIT_TO_INTEGER)
     yield from shared.variants()
     yield from lit.variants()
-    yield from soft_shadow.variants()
+    for effect in EFFECTS:
+        yield from effect.shaders()

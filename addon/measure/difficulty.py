@@ -43,8 +43,33 @@ class Ground:
         self.offsets = [_dot(normal, self.position) for normal in self.normals]
         self.square = _dot(self.position, self.position)
         self.hit = (self.square > 0.0) & (self.square < np.inf)
-        square = self.square.reshape(self.shape)
-        self.silhouettes = near_changes(*(_jump(*pair) for pair in _neighbours(square)))
+        self.silhouettes = near_jumps(self.square.reshape(self.shape))
+
+
+def silhouettes(surface: dict[str, np.ndarray]) -> np.ndarray:
+    """(rows, width) bool: near where the surface, (rows, width[, 3]) "depth" or "position", ends."""
+    if "depth" in surface:
+        with np.errstate(over="ignore"):
+            return near_jumps(surface["depth"] * surface["depth"])
+    position = surface["position"]
+    return near_jumps(np.einsum("rwc,rwc->rw", position, position))
+
+
+def near_jumps(image: np.ndarray) -> np.ndarray:
+    """(rows, width) bool: within two pixels of neighbours of which one is more than DEPTH_JUMP the other."""
+    return near_changes(*(_jump(*pair) for pair in _neighbours(image)))
+
+
+def largest_nearby(image: np.ndarray) -> np.ndarray:
+    """(rows, width): the largest value of the square of five by five pixels around each."""
+    for _ in range(2):
+        wider = image.copy()
+        np.maximum(wider[:, 1:], image[:, :-1], out=wider[:, 1:])
+        np.maximum(wider[:, :-1], image[:, 1:], out=wider[:, :-1])
+        image = wider.copy()
+        np.maximum(image[1:], wider[:-1], out=image[1:])
+        np.maximum(image[:-1], wider[1:], out=image[:-1])
+    return image
 
 
 def _planes(vectors: np.ndarray) -> list[np.ndarray]:

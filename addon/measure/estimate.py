@@ -147,3 +147,71 @@ def grouped_part(
         between = float((sizes * (means - (sizes * means).sum()) ** 2).sum())
         variance += (1.0 - share) * population**2 / screened * between
     return Part(total, variance, noise_variance, max(unseen)), samplings
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A simple random sample of a stratum's `population` pixels beside the reference. `values` (M, channels)
+    float64 of the layer; `estimates` (1 or 2, M, channels): exact, or two independent ones."""
+
+    population: int
+    values: np.ndarray
+    estimates: np.ndarray
+
+    @property
+    def errors(self) -> np.ndarray:
+        """(M, channels) layer minus truth, with the reference's noise."""
+        return self.values - self.estimates.mean(axis=0)
+
+    @property
+    def magnitudes(self) -> np.ndarray:
+        """(M,) root mean square of the truth over channels."""
+        return np.sqrt((self.estimates.mean(axis=0) ** 2).mean(axis=1))
+
+    @property
+    def squares(self) -> np.ndarray:
+        """(M,) squared errors, the mean over channels, without the noise's own square (Measured.squares)."""
+        first, last = self.values - self.estimates[0], self.values - self.estimates[-1]
+        return (first * last).mean(axis=1)
+
+    @property
+    def square_variances(self) -> np.ndarray:
+        """(M,) variances of `squares` by the reference's noise, were it the same in all channels.
+        Var (e + a)(e + b) = 2 e^2 s + s^2 for noises a, b of variance s."""
+        s = 0.5 * (self.estimates[0] - self.estimates[-1]) ** 2
+        return np.sqrt(2.0 * self.errors**2 * s + s**2).mean(axis=1) ** 2
+
+    @property
+    def noise(self) -> float:
+        """Sum over the stratum's pixels of the variance of the estimates' mean, the mean over channels."""
+        if len(self.estimates) < 2 or not len(self.values):
+            return 0.0
+        return self.population * float((0.25 * (self.estimates[0] - self.estimates[1]) ** 2).mean())
+
+    @property
+    def mean_error_variance(self) -> float:
+        """Of the sum over the stratum's pixels of the error, the mean over channels."""
+        count = len(self.values)
+        if count < 2:
+            return 0.0
+        spread = float(self.errors.mean(axis=1).var(ddof=1))
+        return self.population**2 / count * spread
+
+
+def sampled_part(compared: Compared, worst: float) -> Part:
+    """The sum over a stratum of squared errors; `worst`: the square of an error that one more pixel may have.
+    The sampling is without replacement (Cochran, Sampling Techniques, 2.5)."""
+    count = len(compared.values)
+    if not count:
+        return Part(0.0, 0.0, 0.0, 0.0)
+    stands_for = compared.population / count
+    left = 1.0 - 1.0 / stands_for  # of the pixels, what was not looked at
+    squares, noise = compared.squares, float(compared.square_variances.mean())
+    spread = float(squares.var(ddof=1)) if count > 1 else float(squares[0] ** 2)
+    scale = compared.population**2 / count
+    return Part(
+        stands_for * float(squares.sum()),
+        scale * left * max(spread - noise, 0.0),
+        scale * noise,
+        stands_for * left * worst,
+    )

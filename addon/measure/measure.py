@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Generator, Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from ..core.device import RayCaster, ShadowLight
-from ..core.effect import LayerKind, Metric
+from ..core.effect import Metric
 from ..core.graph import Graph, PlannedLayer
 from ..core.outline import Outline
 from ..core.random import hash_bits, text_bits
+from ..core.sampling import footprints
 from ..core.surface import Chunk
-from ..effects.registry import effect_named
-from .probes import ProbeCollector, Watched
+from ..core.view_rays import view_rays
+from .image import WatchedImage, measure_light, measure_mask
+from .probes import ProbeCollector, WatchedShadow, shadow_strata
 from .report import LayerError
 from .visibility import measure_visibility
 
 
 class Measurement:
-    """Collects probes while a graph runs (core/executor.py, Collector), then measures layer by layer.
+    """Collects probes while a graph runs (core/executor.py, Collector), then measures layer by layer those
+    that have a reference.
 
     `probes`: how many pixels of a layer get the slow reference.
     """
@@ -28,46 +32,96 @@ class Measurement:
     def __init__(self, graph: Graph, outline: Outline, probes: int, seed: int):
         self.probes, self.seed = probes, seed
         self._outline = outline
-        watched = [
-            Watched(layer.name, layer.effect, light.emitter, light.receivers)
-            for layer in graph.layers
-            if _metric(layer) == Metric.WEIGHTED_RMSE
-            for light in [outline.lights[layer.light_index]]
-        ]
-        self._collector = ProbeCollector(watched, outline.view.eye, probes, seed, outline.frame)
+        attributes = tuple(sorted(graph.surface_attributes))
+        self._watched = {
+            layer.name: _watched(layer, outline, attributes) for layer in graph.layers if layer.kind.reference
+        }
+        self._collector = ProbeCollector(self._watched.values(), probes, seed, outline.frame)
+        self._jitter = (0.0, 0.0)  # of the first sample
         self._collecting_seconds = 0.0  # of one layer
-        self._layers = max(len(watched), 1)
 
     def add(self, chunk: Chunk, surface: dict[str, np.ndarray], layers: dict[str, np.ndarray]) -> None:
         """See ProbeCollector.add."""
         started = time.perf_counter()
+        if chunk.sample == 0:
+            self._jitter = chunk.jitter
         self._collector.add(chunk, surface, layers)
-        self._collecting_seconds += (time.perf_counter() - started) / self._layers
+        self._collecting_seconds += (time.perf_counter() - started) / max(len(self._watched), 1)
 
-    def measure(self, layer: PlannedLayer, rays: RayCaster, casters: np.ndarray) -> LayerError:
-        """One layer's error, after the last tile; `casters` (instances,) uint8: what can block the light."""
-        started = time.perf_counter()
-        light = self._outline.lights[layer.light_index]
-        evaluate = effect_named(layer.effect).reference
+    def measure(
+        self, layer: PlannedLayer, rays: RayCaster, casters: np.ndarray, image: np.ndarray
+    ) -> Generator[None, None, LayerError]:
+        """One layer's error, after the last tile; yields between slices of work. `casters` (instances,)
+        uint8: what can block the light; `image` (height, width[, channels]): the finished layer."""
+        started, waited = time.perf_counter(), 0.0
+        work = self._measuring(layer, rays, casters, image)
+        while True:
+            try:
+                next(work)
+            except StopIteration as end:
+                seconds = self._collecting_seconds + time.perf_counter() - started - waited
+                return replace(end.value, seconds=seconds)
+            paused = time.perf_counter()
+            yield
+            waited += time.perf_counter() - paused
+
+    def _measuring(self, layer, rays, casters, image) -> Generator[None, None, LayerError]:
+        kind, seed = layer.kind, int(hash_bits(self.seed, text_bits(layer.name)))
+        if kind.metric == Metric.WEIGHTED_RMSE:
+            return self._measuring_shadow(layer, rays, casters, seed)
+        outline, size = self._outline, self._outline.computed_size
+        strata = list(self._collector.kept(layer.name))
+
+        def along(seen, seed):
+            return kind.reference(rays, outline, layer, seen, seed)
+
+        def at_pixels(kept, seed):
+            pixels = np.stack([kept.pixels % size[0], kept.pixels // size[0]], axis=1).astype(np.int32)
+            return along(view_rays(outline.view, size, pixels, self._jitter, kept.surface), seed)
+
+        if kind.metric == Metric.RELATIVE_L2:
+            total = self._collector.totals[layer.name]
+            probes = self.probes * kind.looks
+            return measure_light(
+                strata, total, size[0] * size[1], probes, at_pixels, kind.reference_name, seed
+            )
+
+        def scattered(pixels, samples, seed):
+            return footprints(outline.pixel_filter, pixels, samples, seed)
+
+        probes = self.probes * kind.looks
+        return measure_mask(strata, image, probes, along, rays.look, scattered, kind.reference_name, seed)
+
+    def _measuring_shadow(self, layer, rays, casters, seed) -> Generator[None, None, LayerError]:
+        watched = self._watched[layer.name]
 
         def weigh(points):
-            return rays.irradiance(light.emitter, points)
+            return rays.irradiance(watched.emitter, points)
 
         def screen(points, seed):
-            return rays.screen(casters, light.emitter, points, seed)
+            return rays.screen(casters, watched.emitter, points, seed)
 
         def reference(points, samples, seed):
-            return evaluate(rays, ShadowLight(light.emitter, casters), points, samples, seed)
+            light = ShadowLight(watched.emitter, casters)
+            return layer.kind.reference(rays, light, points, samples, seed)
 
-        strata = self._collector.strata(layer.name)
-        seed = int(hash_bits(self.seed, text_bits(layer.name)))
-        error = measure_visibility(strata, self.probes, weigh, screen, reference, seed)
-        seconds = self._collecting_seconds + time.perf_counter() - started
-        return replace(error, seconds=seconds)
+        strata = shadow_strata(self._collector, watched)
+        return measure_visibility(strata, self.probes, weigh, screen, reference, seed)
 
 
-def _metric(layer: PlannedLayer) -> Metric | None:
-    if not layer.effect:
-        return None
-    kinds: tuple[LayerKind, ...] = effect_named(layer.effect).layers
-    return next(kind.metric for kind in kinds if layer.name.startswith(kind.title))
+def _watched(
+    layer: PlannedLayer, outline: Outline, attributes: Iterable[str]
+) -> WatchedShadow | WatchedImage:
+    if layer.kind.metric != Metric.WEIGHTED_RMSE:
+        return WatchedImage(layer.name, layer.effect, tuple(attributes), layer.kind.looks)
+    light = outline.lights[layer.light_index]
+    return WatchedShadow(layer.name, layer.effect, light.emitter, np.array(outline.view.eye), light.receivers)
+
+
+def finished(work: Generator[None, None, LayerError]) -> LayerError:
+    """Runs a measurement to its end."""
+    while True:
+        try:
+            next(work)
+        except StopIteration as end:
+            return end.value

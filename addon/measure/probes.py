@@ -7,21 +7,23 @@ such a sample too.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from ..core.emitter import Emitter
 from ..core.random import hash_bits, text_bits
 from ..core.surface import Chunk, SurfacePoints
-from .difficulty import CODES, KIND_BITS, MARGIN, Difficulty, Ground, classify
+from .difficulty import CODES, KIND_BITS, MARGIN, Difficulty, Ground, classify, silhouettes
 
 POINT_ATTRIBUTES = ("position", "geometric_normal", "shading_normal")
 ALL = np.uint32(0xFFFFFFFF)
 BAND_PIXELS = 1 << 15
 
-# Pixels of one stratum that are kept for each probe asked for.
+# Pixels of one stratum of a shadow that are kept for each probe asked for.
 KEPT = {
     Difficulty.PENUMBRA: 12,
     Difficulty.EDGE: 16,
@@ -30,23 +32,88 @@ KEPT = {
 }
 
 
+class Band:
+    """Some rows of the first sample's surface, with what several layers want to know about them. `surface`:
+    arrays (rows, width[, channels])."""
+
+    def __init__(self, surface: dict[str, np.ndarray]):
+        self.surface = surface
+
+    @cached_property
+    def ground(self) -> Ground:
+        return Ground(self.surface)
+
+    @cached_property
+    def silhouettes(self) -> np.ndarray:
+        return silhouettes(self.surface)
+
+
+class Watched(Protocol):
+    """A layer to draw probes of."""
+
+    name: str
+    effect: str
+
+    @property
+    def attributes(self) -> tuple[str, ...]:
+        """Of the surface, kept with each probe."""
+
+    def codes(self, band: Band, values: np.ndarray) -> np.ndarray:
+        """(rows * width,) uint16: each pixel's stratum, its Difficulty in the lowest KIND_BITS; 0 is never
+        looked at. `values` (rows, width[, channels]) of the layer. Must not depend on more than MARGIN rows
+        and columns around a pixel."""
+
+    def kept(self, difficulty: Difficulty) -> int:
+        """Pixels of one stratum to keep for each probe that is asked for."""
+
+
 @dataclass(frozen=True)
-class Watched:
-    """A scalar layer of one light. `receivers`: instances that the light lights, None for all."""
+class WatchedShadow:
+    """A visibility layer of one light. `eye` (3,) float64: what surfaces are relative to; `receivers`:
+    instances that the light lights, None for all."""
 
     name: str
     effect: str
     emitter: Emitter
+    eye: np.ndarray
     receivers: frozenset[int] | None = None
+
+    @property
+    def attributes(self) -> tuple[str, ...]:
+        return POINT_ATTRIBUTES
+
+    def codes(self, band: Band, values: np.ndarray) -> np.ndarray:
+        codes = classify(band.ground, values, self.emitter, self.eye)
+        if self.receivers is not None:
+            lit = np.isin(band.surface["instance"].reshape(-1), sorted(self.receivers))
+            codes[~lit] = Difficulty.DARK
+        return codes
+
+    def kept(self, difficulty: Difficulty) -> int:
+        return KEPT[difficulty]
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A random choice of the `population` pixels of one stratum. `pixels` (N,) uint32, row * width + column,
+    ascending, so that rays of neighbours run together; their random `priorities` (N,) uint32; the layer's
+    `values` (N[, channels]) float64 there and the `surface`, by attribute."""
+
+    code: int
+    population: int
+    pixels: np.ndarray
+    priorities: np.ndarray
+    values: np.ndarray
+    surface: dict[str, np.ndarray]
+
+    @property
+    def difficulty(self) -> Difficulty:
+        return Difficulty(self.code & ((1 << KIND_BITS) - 1))
 
 
 @dataclass(frozen=True)
 class Stratum:
-    """A random choice of the `population` pixels of one difficulty that get about as much light.
-
-    `pixels` (N,) uint32, row * width + column, ascending, so that rays of neighbours run together; their
-    random `priorities` (N,) uint32; the layer's `values` (N,) float64 there and the surface `points`.
-    """
+    """A shadow's `Kept` pixels of one difficulty that get about as much light."""
 
     difficulty: Difficulty
     population: int
@@ -126,33 +193,32 @@ class _Smallest:
 class ProbeCollector:
     """Sees the first sample's tiles and keeps, for every watched layer, each stratum's probes.
 
-    `eye` (3,) float64 world position that surfaces are relative to. Memory: about 50 bytes for each pixel
-    kept, KEPT times `probes` a stratum at most. Surfaces need POINT_ATTRIBUTES, and "instance" where a layer
-    has receivers.
+    Memory: about 50 bytes for each pixel kept. `totals`: by layer, the sum of its values over all pixels and
+    channels, float64.
     """
 
-    def __init__(self, watched: Iterable[Watched], eye, probes: int, seed: int, frame: int):
+    def __init__(self, watched: Iterable[Watched], probes: int, seed: int, frame: int):
         self._watched = tuple(watched)
-        self._eye = np.asarray(eye, np.float64)
         self._seed, self._frame = seed, frame
         self._probes = probes
         self._kept: dict[str, dict[int, _Smallest]] = {layer.name: {} for layer in self._watched}
-        self._held: dict[str, np.ndarray] = {}  # rows whose neighbours have not come yet, and theirs
+        self._held: dict = {}  # rows whose neighbours have not come yet, and theirs
         self._seen_rows = self._drawn_rows = 0
+        self.totals = {layer.name: 0.0 for layer in self._watched}
 
     def add(self, chunk: Chunk, surface: dict[str, np.ndarray], layers: dict[str, np.ndarray]) -> None:
         """`surface` and `layers`: host arrays (rows, width[, channels]). Tiles come bottom up; samples after
         the first are passed over."""
         if chunk.sample != 0 or not self._watched:
             return
-        attributes = [*POINT_ATTRIBUTES, *(["instance"] if "instance" in surface else [])]
-        block = {name: surface[name] for name in attributes}
+        names = {"position", "depth", "instance"}.union(*(layer.attributes for layer in self._watched))
+        block = {name: array for name, array in surface.items() if name in names}
         block |= {("layer", layer.name): layers[layer.name] for layer in self._watched}
         if chunk.y0 != self._seen_rows:
             raise ValueError(f"the tile at row {chunk.y0} came before that at row {self._seen_rows}")
         first_row = chunk.y0
         if self._held:
-            first_row -= len(self._held["position"])
+            first_row -= len(next(iter(self._held.values())))
             block = {name: np.concatenate([self._held[name], block[name]]) for name in block}
         last = chunk.y1 == chunk.height
         stop = chunk.y1 if last else max(chunk.y1 - MARGIN, self._drawn_rows)
@@ -163,48 +229,45 @@ class ProbeCollector:
 
     def _draw(self, block: dict, first_row: int, rows: slice) -> None:
         """Offers the pixels of `rows` of the image; `block` starts at row `first_row`, with neighbours."""
-        width = block["position"].shape[1]
-        drawn = slice((rows.start - first_row) * width, (rows.stop - first_row) * width)
-        codes = self._classify(block, slice(rows.start - first_row, rows.stop - first_row))
+        width = next(iter(block.values())).shape[1]
+        inner = slice(rows.start - first_row, rows.stop - first_row)
+        codes = self._codes(block, inner)
         pixels = np.arange(rows.start * width, rows.stop * width, dtype=np.uint32)
-        points = [block[name].reshape(-1, 3)[drawn] for name in POINT_ATTRIBUTES]
         priorities: dict[str, np.ndarray] = {}
         for layer in self._watched:
             if layer.effect not in priorities:
                 words = text_bits(layer.effect), self._frame & 0xFFFFFFFF, pixels
                 priorities[layer.effect] = hash_bits(self._seed, *words)
-            code = codes[layer.name]
-            if layer.receivers is not None:
-                lit = np.isin(block["instance"].reshape(-1)[drawn], sorted(layer.receivers))
-                code[~lit] = Difficulty.DARK
-            values = block["layer", layer.name].reshape(-1)[drawn]
-            self._offer(self._kept[layer.name], code, [priorities[layer.effect], pixels, values, *points])
+            names = (("layer", layer.name), *layer.attributes)
+            values, *surface = (_flat(block[name][inner]) for name in names)
+            self.totals[layer.name] += float(_finite(values).sum())
+            self._offer(layer, codes[layer.name], [priorities[layer.effect], pixels, values, *surface])
 
-    def _classify(self, block: dict, rows: slice) -> dict[str, np.ndarray]:
+    def _codes(self, block: dict, rows: slice) -> dict[str, np.ndarray]:
         """Each layer's codes (pixels,) uint16 at `rows` of the block: a few rows at a time, since what stays
         in the cache is twice as fast."""
-        height, width = block["position"].shape[:2]
+        height, width = next(iter(block.values())).shape[:2]
         count = (rows.stop - rows.start) * width
         codes = {layer.name: np.empty(count, np.uint16) for layer in self._watched}
         step = max(BAND_PIXELS // width, 1)
         for y0 in range(rows.start, rows.stop, step):
             y1 = min(y0 + step, rows.stop)
             near = slice(max(y0 - MARGIN, 0), min(y1 + MARGIN, height))
-            ground = Ground({name: block[name][near] for name in POINT_ATTRIBUTES})
+            band = Band({name: block[name][near] for name in block if isinstance(name, str)})
             inner = slice((y0 - near.start) * width, (y1 - near.start) * width)
             outer = slice((y0 - rows.start) * width, (y1 - rows.start) * width)
             for layer in self._watched:
-                values = block["layer", layer.name][near]
-                codes[layer.name][outer] = classify(ground, values, layer.emitter, self._eye)[inner]
+                codes[layer.name][outer] = layer.codes(band, block["layer", layer.name][near])[inner]
         return codes
 
-    def _offer(self, kept: dict[int, _Smallest], code: np.ndarray, columns: list[np.ndarray]) -> None:
+    def _offer(self, layer: Watched, code: np.ndarray, columns: list[np.ndarray]) -> None:
+        kept = self._kept[layer.name]
         counts = np.bincount(code, minlength=CODES)
         bounds = np.zeros(CODES, np.uint32)
         present = np.flatnonzero(counts[1:]) + 1  # 0 is dark
         for each in present.tolist():
             if each not in kept:
-                kept[each] = _Smallest(KEPT[_kind(each)] * self._probes)
+                kept[each] = _Smallest(layer.kept(_kind(each)) * self._probes)
             bounds[each] = kept[each].bound(int(counts[each]))
         # One pass over the priorities finds the candidates of all strata.
         chosen = np.flatnonzero((columns[0] <= bounds.take(code)) & (code != Difficulty.DARK))
@@ -215,17 +278,39 @@ class ProbeCollector:
                 index = np.flatnonzero(code == each)
             kept[each].add(columns, index)
 
-    def strata(self, name: str) -> tuple[Stratum, ...]:
+    def kept(self, name: str) -> Iterator[Kept]:
         """What was kept for a layer, once all tiles were seen; none for dark pixels."""
-        result = []
+        attributes = next(layer.attributes for layer in self._watched if layer.name == name)
         for code, smallest in sorted(self._kept[name].items()):
             order = np.argsort(smallest.columns[1])
-            priorities, pixels, values, *points = (column[order] for column in smallest.columns)
-            # A viewer shows what is not finite as black, so that is what it counts as.
-            values = np.nan_to_num(values.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
-            points = SurfacePoints(*points, self._eye)
-            result.append(Stratum(_kind(code), smallest.population, pixels, priorities, values, points))
-        return tuple(result)
+            priorities, pixels, values, *surface = (column[order] for column in smallest.columns)
+            surface = dict(zip(attributes, surface, strict=True))
+            yield Kept(code, smallest.population, pixels, priorities, _finite(values), surface)
+
+
+def shadow_strata(collector: ProbeCollector, watched: WatchedShadow) -> tuple[Stratum, ...]:
+    """What was kept of a shadow."""
+    return tuple(
+        Stratum(
+            kept.difficulty,
+            kept.population,
+            kept.pixels,
+            kept.priorities,
+            kept.values,
+            SurfacePoints(*(kept.surface[name] for name in POINT_ATTRIBUTES), watched.eye),
+        )
+        for kept in collector.kept(watched.name)
+    )
+
+
+def _flat(image: np.ndarray) -> np.ndarray:
+    """(rows * width[, channels])."""
+    return image.reshape(-1, *image.shape[2:])
+
+
+def _finite(values: np.ndarray) -> np.ndarray:
+    """float64. A viewer shows what is not finite as black, so that is what it counts as."""
+    return np.nan_to_num(values.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def _kind(code: int) -> Difficulty:

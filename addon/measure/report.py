@@ -37,7 +37,8 @@ class StepTime:
 
 @dataclass(frozen=True)
 class LayerError:
-    """A layer's error (design "What error means"); `seconds` is what measuring it took."""
+    """A layer's error (docs/accuracy.md); `seconds` is what measuring it took. Only radiance layers have
+    `share_off_by_1_percent`, only masks have `mean_absolute_error`."""
 
     metric: str
     value: float
@@ -49,10 +50,13 @@ class LayerError:
     reference: str
     reference_noise: float
     seconds: float
+    share_off_by_1_percent: float | None = None
+    mean_absolute_error: float | None = None
 
     def to_json(self) -> dict[str, Any]:
         numbers = {key: rounded(item) for key, item in vars(self).items() if isinstance(item, float)}
-        return {**vars(self), **numbers, "ci95": [rounded(limit) for limit in self.ci95]}
+        plain = {**vars(self), **numbers, "ci95": [rounded(limit) for limit in self.ci95]}
+        return {key: item for key, item in plain.items() if item is not None}
 
 
 @dataclass(frozen=True)

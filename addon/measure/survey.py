@@ -1,20 +1,25 @@
 """A stratum under measurement: screened with few rays, then looked at with many where that pays.
 
-`BinarySurvey` and `PenumbraSurvey` offer `groups` of pixels (indices, in random order) with a `wish` for
-probes each; `estimate` takes what the probes of each group found.
+Screening is a generator that yields between slices of work. `BinarySurvey` and `PenumbraSurvey` offer
+`groups` of pixels (indices, in random order) with a `wish` for probes each; `estimate` takes what the probes
+of each group found.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.random import hash_bits
 from ..core.surface import SurfacePoints
 from .estimate import Group, Measured, binary_part, grouped_part
 from .interval import Part
 from .probes import Stratum, take
+
+RAYS_AT_ONCE = 1 << 16
+"""Between two yields: some hundredths of a second."""
 
 SCREENING_SAMPLES = 4
 """Rays of each half that sorts the penumbra's pixels into groups."""
@@ -31,6 +36,18 @@ Screen = Callable[[SurfacePoints, int], np.ndarray]
 
 Reference = Callable[[SurfacePoints, int, int], tuple[np.ndarray, np.ndarray]]
 """reference(points, samples, seed): (N, 2) independent estimates by `samples` rays each, and weights (N,)."""
+
+
+def in_slices(
+    function: Callable[[SurfacePoints, int], np.ndarray], points: SurfacePoints, rays: int, seed: int
+) -> Generator[None, None, list]:
+    """What `function(points, seed)` returns, for a few points at a time; `rays` that each of them takes."""
+    step = max(RAYS_AT_ONCE // rays, 1)
+    results = []
+    for number, start in enumerate(range(0, len(points.position), step)):
+        results.append(function(take(points, slice(start, start + step)), int(hash_bits(seed, number))))
+        yield
+    return results
 
 
 @dataclass(frozen=True)
@@ -50,18 +67,14 @@ class Estimate:
 class BinarySurvey:
     """Pixels that the layer calls wholly lit or wholly dark: one group, those that some ray contradicts.
 
-    `looks`: how many pixels to screen. More than there are screens each several times. `weights` (N,) float64
-    of the stratum's pixels.
+    `stratum`: the screened pixels, `weights` (N,) float64 theirs, `estimates` (N, R) what their rays say;
+    `mean_weight` of all that were kept.
     """
 
-    def __init__(self, stratum: Stratum, weights: np.ndarray, looks: int, screen: Screen, seed: int):
-        index = stratum.smallest(looks)
-        self._weight = stratum.population * float(weights.mean())
-        self.stratum, self._weights = stratum.at(index), weights[index]
-        count = len(self._weights)
-        repeats = max(looks // count, 1)
-        estimates = screen(take(self.stratum.points, np.repeat(np.arange(count), repeats)), seed)
-        self._estimates = np.asarray(estimates, np.float64).reshape(count, -1)
+    def __init__(self, stratum: Stratum, weights: np.ndarray, estimates: np.ndarray, mean_weight: float):
+        self._weight = stratum.population * mean_weight
+        self.stratum, self._weights, self._estimates = stratum, weights, estimates
+        count = len(weights)
         contradicted = (np.abs(self._estimates - self.stratum.values[:, None]) > 0.5).any(axis=1)
         self.groups = [_shuffled(np.flatnonzero(contradicted), self.stratum)]
         self.wishes = [len(self.groups[0]) / count * self._weight]
@@ -86,14 +99,13 @@ class BinarySurvey:
 
 
 class PenumbraSurvey:
-    """Pixels that the layer says are partly lit, grouped by how far a few rays are from it."""
+    """Pixels that the layer says are partly lit, grouped by how far a few rays are from it; `estimates`
+    (N, 2) by those rays, the rest as for BinarySurvey."""
 
-    def __init__(self, stratum: Stratum, weights: np.ndarray, looks: int, reference: Reference, seed: int):
-        index = stratum.smallest(looks)
-        self._weight = stratum.population * float(weights.mean())
-        self.stratum, self._weights = stratum.at(index), weights[index]
-        halves, _ = reference(self.stratum.points, SCREENING_SAMPLES, seed)
-        differences = np.abs(self.stratum.values - np.asarray(halves, np.float64).mean(axis=1))
+    def __init__(self, stratum: Stratum, weights: np.ndarray, estimates: np.ndarray, mean_weight: float):
+        self._weight = stratum.population * mean_weight
+        self.stratum, self._weights = stratum, weights
+        differences = np.abs(stratum.values - estimates.mean(axis=1))
         group = np.digitize(differences, EDGES[:-1])
         self.groups = [_shuffled(np.flatnonzero(group == each), self.stratum) for each in range(len(EDGES))]
         # So that a bad pixel that is missed costs the same in each.
@@ -112,6 +124,32 @@ class PenumbraSurvey:
         sampling = np.concatenate(sampling)
         bias = float((sampling * weights * errors).sum())
         return Estimate(part, self._weight, bias, errors, weights, sampling)
+
+
+def screened_binary(
+    stratum: Stratum, weights: np.ndarray, looks: int, screen: Screen, seed: int
+) -> Generator[None, None, BinarySurvey]:
+    """Screens `looks` pixels of the stratum by single rays, each several times where there are fewer."""
+    index = stratum.smallest(looks)
+    chosen = stratum.at(index)
+    repeated = take(chosen.points, np.repeat(np.arange(len(index)), max(looks // len(index), 1)))
+    estimates = yield from in_slices(screen, repeated, 2, seed)
+    estimates = np.concatenate(estimates).astype(np.float64).reshape(len(index), -1)
+    return BinarySurvey(chosen, weights[index], estimates, float(weights.mean()))
+
+
+def screened_penumbra(
+    stratum: Stratum, weights: np.ndarray, looks: int, reference: Reference, seed: int
+) -> Generator[None, None, PenumbraSurvey]:
+    """Screens `looks` pixels of the stratum by a few rays."""
+    index = stratum.smallest(looks)
+    chosen = stratum.at(index)
+
+    def few(points: SurfacePoints, seed: int) -> np.ndarray:
+        return np.asarray(reference(points, SCREENING_SAMPLES, seed)[0], np.float64)
+
+    estimates = yield from in_slices(few, chosen.points, 2 * SCREENING_SAMPLES, seed)
+    return PenumbraSurvey(chosen, weights[index], np.concatenate(estimates), float(weights.mean()))
 
 
 def _shuffled(members: np.ndarray, stratum: Stratum) -> np.ndarray:

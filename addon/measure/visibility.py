@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 
 import numpy as np
 
@@ -16,7 +15,17 @@ from .estimate import Measured
 from .interval import joined, limits
 from .probes import KEPT, Stratum, take, together
 from .report import LayerError
-from .survey import BinarySurvey, PenumbraSurvey, Reference, Screen, Weigh, allot
+from .survey import (
+    BinarySurvey,
+    PenumbraSurvey,
+    Reference,
+    Screen,
+    Weigh,
+    allot,
+    in_slices,
+    screened_binary,
+    screened_penumbra,
+)
 
 SAMPLES = 128  # rays of each of the reference's two halves
 LOOKS = KEPT[Difficulty.REST]  # pixels screened by single rays for each probe
@@ -29,16 +38,15 @@ LIKELY = {Difficulty.EDGE: 4.0, Difficulty.TERMINATOR: 4.0}
 
 def measure_visibility(
     strata: Sequence[Stratum], probes: int, weigh: Weigh, screen: Screen, reference: Reference, seed: int
-) -> LayerError:
+) -> Generator[None, None, LayerError]:
     """RMSE of a shadow layer weighted by the unshadowed irradiance, from ProbeCollector.strata.
 
     Many pixels are screened with few rays; then about `probes` get 2 x 128, where the screening contradicts
-    the layer and across the penumbra.
+    the layer and across the penumbra. Yields between slices of work.
     """
-    started = time.perf_counter()
-    surveys = _screened(strata, probes, weigh, screen, reference, seed)
+    surveys = yield from _screened(strata, probes, weigh, screen, reference, seed)
     probing_seed = int(hash_bits(seed, len(strata)))
-    found = _probed(surveys, probes, reference, probing_seed)
+    found = yield from _probed(surveys, probes, reference, probing_seed)
     estimates = [survey.estimate(each) for survey, each in zip(surveys, found, strict=True)]
 
     total = joined(each.part for each in estimates)
@@ -59,11 +67,11 @@ def measure_visibility(
         probes=sum(len(each.values) for each in traced),
         reference=f"ray traced, 2 x {SAMPLES} rays",
         reference_noise=_noise(traced),
-        seconds=time.perf_counter() - started,
+        seconds=0.0,
     )
 
 
-def _screened(strata, probes, weigh, screen, reference, seed) -> list[BinarySurvey | PenumbraSurvey]:
+def _screened(strata, probes, weigh, screen, reference, seed) -> Generator[None, None, list]:
     """Shares the screening out so that a bad pixel that is missed costs the same in every stratum, or less
     where errors are likely."""
     weights = [np.asarray(weigh(stratum.points), np.float64) for stratum in strata]
@@ -80,15 +88,16 @@ def _screened(strata, probes, weigh, screen, reference, seed) -> list[BinarySurv
     for number, (stratum, weight) in enumerate(pairs):
         one_seed, count = int(hash_bits(seed, number)), int(looks[number])
         if stratum.difficulty == Difficulty.PENUMBRA:
-            surveys.append(PenumbraSurvey(stratum, weight, count, reference, one_seed))
+            survey = yield from screened_penumbra(stratum, weight, count, reference, one_seed)
         else:
-            surveys.append(BinarySurvey(stratum, weight, count, screen, one_seed))
+            survey = yield from screened_binary(stratum, weight, count, screen, one_seed)
+        surveys.append(survey)
     return surveys
 
 
 def _probed(
     surveys: list[BinarySurvey | PenumbraSurvey], probes: int, reference: Reference, seed: int
-) -> list[list[Measured]]:
+) -> Generator[None, None, list[list[Measured]]]:
     """For every survey and group, what the slow reference says of its first pixels: about half the probes
     for binary strata and half for the penumbra, as far as each has use for them."""
     sizes = [len(group) for survey in surveys for group in survey.groups]
@@ -102,7 +111,12 @@ def _probed(
         return []
     pairs = zip(surveys, chosen, strict=True)
     points = together([take(survey.stratum.points, np.concatenate(groups)) for survey, groups in pairs])
-    halves, weights = (np.asarray(array, np.float64) for array in reference(points, SAMPLES, seed))
+
+    def many(points, seed):
+        return reference(points, SAMPLES, seed)
+
+    traced = yield from in_slices(many, points, 2 * SAMPLES, seed)
+    halves, weights = (np.concatenate(arrays).astype(np.float64) for arrays in zip(*traced, strict=True))
     result, start = [], 0
     for survey, groups in zip(surveys, chosen, strict=True):
         result.append([])

@@ -96,9 +96,12 @@ def layered_depth(
 
 
 def ray_accelerator(outline: Outline) -> Node:
-    """A hierarchy over all that casts shadows, relative to the camera's eye, one for all lights: each query
-    names its casters. Outside any graph too: measuring asks for the one that an effect may have built."""
+    """A hierarchy over all that casts shadows or is seen, relative to the camera's eye, one for all: each
+    query names its instances. Outside any graph too: measuring asks for the one that an effect may have
+    built."""
     frame = (outline.scene_name, outline.view_layer_name, outline.frame)
     node = Node(GEOMETRY, "", (), {"scene": frame})
-    casters = frozenset(i for i, instance in enumerate(outline.instances) if instance.casts_shadow)
+    casters = frozenset(
+        i for i, each in enumerate(outline.instances) if each.casts_shadow or each.visible_camera
+    )
     return Node(RAY_ACCELERATOR, "", (node,), {"eye": outline.view.eye, "casters": casters})

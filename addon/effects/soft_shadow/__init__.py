@@ -1,6 +1,7 @@
 """Soft shadows from layered shadow maps; see README.md in this folder."""
 
 from ...core.effect import Blend, Effect, LayerKind, Metric
+from .gpu_steps import variants
 from .params import SoftShadowParams
 from .reference import evaluate
 from .run import needed, run, visibility
@@ -14,6 +15,7 @@ EFFECT = Effect(
             title="Soft Shadow",
             channels="V",
             metric=Metric.WEIGHTED_RMSE,
+            reference=evaluate,
             per_light=True,
             blend=Blend.SCALE_LIGHT,
             doc="Share of the light's irradiance that arrives: 1 is lit, 0 is in full shadow",
@@ -21,8 +23,8 @@ EFFECT = Effect(
     ),
     needed=needed,
     run=run,
-    reference=evaluate,
     doc="Shadows of lights with a size, by projecting the texels of a layered depth map back onto the light",
     sources={"visibility": visibility},
     source="Bavoil, thesis, chapter 5; Schwarz and Stamminger 2007 (bitmask)",
+    shaders=variants,
 )

@@ -1,0 +1,256 @@
+"""How wrong a layer of light or a mask is, by a reference along random view rays. docs/accuracy.md explains
+the method.
+
+The image is divided into strata by how large the layer's values are and whether they change nearby. A simple
+random sample of each is compared with the reference.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.effect import Metric
+from ..core.metrics import maximum, quantile
+from ..core.random import hash_bits
+from ..core.view_rays import ViewRays
+from .difficulty import KIND_BITS, Difficulty, largest_nearby, near_jumps
+from .estimate import Compared, sampled_part
+from .interval import joined, limits
+from .probes import Band, Kept
+from .report import LayerError
+from .survey import allot
+
+RAYS_AT_ONCE = 128  # view rays of one call of a reference of light
+PIXELS_AT_ONCE = 32  # of one call of a mask's reference
+SUPERSAMPLES = 64
+"""View rays of a pixel of a mask, half of them for each of two independent estimates."""
+
+SLIGHT = 0.01  # of a radiance, what `share_off_by_1_percent` counts from
+NEARLY_BLACK = 0.01  # of a layer's mean: less light than this counts as this when errors are compared with it
+WRONG = 1.0 / 8.0
+"""A pixel of a mask is wrong if it is off by more than this: eight of the 64 rays, twice the standard
+deviation of their mean even where they fall as they like."""
+
+CHANGING = 4.0  # how much more likely errors are where the layer's values change nearby
+
+LightReference = Callable[[Kept, int], np.ndarray]
+"""reference(pixels, seed): (estimates, N, channels) float64, one or two, at the first sample's points."""
+
+Look = Callable[[np.ndarray, np.ndarray], ViewRays]
+"""look(pixels, jitter): view rays through pixels (N, 2) beside their centres (N, 2)."""
+
+Measuring = Generator[None, None, LayerError]
+"""Yields between slices of work."""
+
+
+@dataclass(frozen=True)
+class WatchedImage:
+    """A layer of light, or a mask, of the whole image. `looks`: see LayerKind."""
+
+    name: str
+    effect: str
+    attributes: tuple[str, ...]
+    looks: int = 1
+
+    def codes(self, band: Band, values: np.ndarray) -> np.ndarray:
+        values = values[..., None] if values.ndim == 2 else values
+        sizes = np.abs(np.where(np.isfinite(values), values, np.float32(0.0)))
+        edges = band.silhouettes.copy()
+        for channel in range(sizes.shape[2]):
+            edges |= near_jumps(sizes[..., channel])
+        # What is dark beside a bright pixel may be wrong by as much as that one.
+        brightest = largest_nearby(sizes.max(axis=2))
+        # The upper seven bits of a positive float are its exponent, halved: factors of 4.
+        code = (brightest.view(np.uint32) >> np.uint32(24)).astype(np.uint16)
+        code <<= KIND_BITS
+        code |= np.where(edges, np.uint16(Difficulty.EDGE), np.uint16(Difficulty.REST))
+        return code.reshape(-1)
+
+    def kept(self, difficulty: Difficulty) -> int:
+        return self.looks
+
+
+def measure_light(
+    strata: Sequence[Kept],
+    total: float,
+    pixels: int,
+    probes: int,
+    reference: LightReference,
+    reference_name: str,
+    seed: int,
+) -> Measuring:
+    """Relative L2 of a layer of `pixels` pixels whose values add up to `total` over pixels and channels, from
+    ProbeCollector.kept."""
+    strata = [_with_channels(each) for each in strata]
+    channels = strata[0].values.shape[1] if strata else 1
+    mean = abs(total) / max(pixels * channels, 1)
+    # What is summed are squares, so bright pixels count most: errors are expected to follow the values, and
+    # in dark pixels to be no smaller than in the mean one.
+    wishes = [
+        each.population
+        * (max(float((each.values**2).mean()), mean**2) or 1.0)
+        * (CHANGING if each.difficulty == Difficulty.EDGE else 1.0)
+        for each in strata
+    ]
+    compared = []
+    for number, stratum in enumerate(_chosen(strata, probes, wishes)):
+        halves = []
+        for index, start in enumerate(range(0, len(stratum.pixels), RAYS_AT_ONCE)):
+            part = at(stratum, np.arange(start, min(start + RAYS_AT_ONCE, len(stratum.pixels))))
+            halves.append(_checked(reference(part, int(hash_bits(seed, number, index))), part.values.shape))
+            yield
+        compared.append(Compared(stratum.population, stratum.values, np.concatenate(halves, axis=1)))
+    bias = math.fsum(each.population * float(each.errors.mean()) for each in compared) / max(pixels, 1)
+    scale, scale_error = _scale(total / max(pixels * channels, 1), bias, compared, pixels)
+    part = joined(sampled_part(each, max(float((each.values**2).mean()), scale**2)) for each in compared)
+    value = _root(part.total, pixels) / scale
+    low, high = (_root(limit, pixels) / scale for limit in limits(part))
+    spread = 1.96 * scale_error / scale * value  # of the mean that it is divided by
+    errors, sampling = _pooled(compared)
+    truths = np.concatenate([np.zeros(0), *(each.magnitudes for each in compared)])
+    off = errors > SLIGHT * np.maximum(truths, NEARLY_BLACK * scale)
+    ones = np.ones_like(errors)
+    return LayerError(
+        metric=Metric.RELATIVE_L2.value,
+        value=value,
+        ci95=(max(value - math.hypot(value - low, spread), 0.0), value + math.hypot(high - value, spread)),
+        bias=bias / scale,
+        p99=quantile(errors, ones, 0.99, sampling) / scale,
+        max=maximum(errors, ones) / scale,
+        probes=len(errors),
+        reference=reference_name,
+        reference_noise=_root(sum(each.noise for each in compared), pixels) / scale,
+        seconds=0.0,
+        share_off_by_1_percent=float(sampling[off].sum()) / max(pixels, 1),
+    )
+
+
+def measure_mask(
+    strata: Sequence[Kept],
+    image: np.ndarray,
+    probes: int,
+    reference: Callable[[ViewRays, int], np.ndarray],
+    look: Look,
+    footprints: Callable[[int, int, int], np.ndarray],
+    reference_name: str,
+    seed: int,
+) -> Measuring:
+    """Share of the wrong pixels of a finished `image` (height, width[, channels]), from ProbeCollector.kept.
+
+    `reference(view_rays, seed)`: (1 or 2, N, channels), of which the mean counts; `footprints(pixels,
+    samples, seed)`: offsets as core/sampling.footprints.
+    """
+    pixels = image.shape[0] * image.shape[1]
+    flat = np.nan_to_num(image.reshape(pixels, -1).astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    totals = dict.fromkeys(Difficulty, 0)
+    for each in strata:
+        totals[each.difficulty] += each.population
+    # Half of the probes go to where the layer changes, as far as there is use for them.
+    wishes = [each.population / totals[each.difficulty] for each in strata]
+    compared = []
+    for number, stratum in enumerate(_chosen(list(strata), probes, wishes)):
+        halves = []
+        for index, start in enumerate(range(0, len(stratum.pixels), PIXELS_AT_ONCE)):
+            chosen = stratum.pixels[start : start + PIXELS_AT_ONCE].astype(np.int64)
+            own = int(hash_bits(seed, number, index))
+            places = np.stack([chosen % image.shape[1], chosen // image.shape[1]], axis=1)
+            coverage = []
+            for half in range(2):
+                jitter = footprints(len(chosen), SUPERSAMPLES // 2, int(hash_bits(own, half)))
+                seen = look(np.repeat(places, SUPERSAMPLES // 2, axis=0), jitter.reshape(-1, 2))
+                estimates = _checked(
+                    reference(seen, int(hash_bits(own, 2 + half))), (len(seen), flat.shape[1])
+                )
+                coverage.append(
+                    estimates.mean(axis=0).reshape(len(chosen), SUPERSAMPLES // 2, -1).mean(axis=1)
+                )
+                yield
+            halves.append(np.array(coverage))
+        values = flat[stratum.pixels]
+        compared.append(Compared(stratum.population, values, np.concatenate(halves, axis=1)))
+    errors, sampling = _pooled(compared, largest_channel=True)
+    part = joined(sampled_part(_counted(each), 1.0) for each in compared)
+    low, high = (min(limit / max(pixels, 1), 1.0) for limit in limits(part))
+    ones = np.ones_like(errors)
+    means = np.concatenate([np.zeros(0), *(np.abs(each.errors).mean(axis=1) for each in compared)])
+    bias = math.fsum(each.population * float(each.errors.mean()) for each in compared)
+    return LayerError(
+        metric=Metric.WRONG_SHARE.value,
+        value=part.total / max(pixels, 1),
+        ci95=(low, high),
+        bias=bias / max(pixels, 1),
+        p99=quantile(errors, ones, 0.99, sampling),
+        max=maximum(errors, ones),
+        probes=len(errors),
+        reference=f"{reference_name}, {SUPERSAMPLES} rays a pixel".lstrip(", "),
+        reference_noise=_root(sum(each.noise for each in compared), pixels),
+        seconds=0.0,
+        mean_absolute_error=float((sampling * means).sum()) / max(pixels, 1),
+    )
+
+
+def at(kept: Kept, index: np.ndarray) -> Kept:
+    """The same with the pixels `index` only."""
+    columns = (column[index] for column in (kept.pixels, kept.priorities, kept.values))
+    surface = {name: array[index] for name, array in kept.surface.items()}
+    return Kept(kept.code, kept.population, *columns, surface)
+
+
+def _with_channels(kept: Kept) -> Kept:
+    values = kept.values.reshape(len(kept.pixels), -1)
+    return Kept(kept.code, kept.population, kept.pixels, kept.priorities, values, kept.surface)
+
+
+def _chosen(strata: Sequence[Kept], probes: int, wishes: Sequence[float]) -> list[Kept]:
+    """Each stratum with the pixels that get a probe: those of smallest priority."""
+    counts = allot(probes, [len(each.pixels) for each in strata], wishes)
+    return [
+        at(each, np.sort(np.argsort(each.priorities, kind="stable")[:count]))
+        for each, count in zip(strata, counts, strict=True)
+    ]
+
+
+def _checked(estimates: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """What a reference returned, (estimates, N, channels); a broken reference must not look like an error of
+    the layer."""
+    estimates = np.asarray(estimates, np.float64)
+    if estimates.ndim != 3 or estimates.shape[1:] != shape or estimates.shape[0] not in (1, 2):
+        raise ValueError(f"a reference returned {estimates.shape}, not (1 or 2, {shape[0]}, {shape[1]})")
+    if not np.isfinite(estimates).all():
+        raise ValueError("a reference returned values that are not finite")
+    return estimates
+
+
+def _scale(mean: float, bias: float, compared: list[Compared], pixels: int) -> tuple[float, float]:
+    """The truth's mean, which is the layer's exact mean less its mean error, and that one's standard error;
+    where the truth is black, the layer's mean; 1 if both are."""
+    variance = math.fsum(each.mean_error_variance for each in compared) / max(pixels, 1) ** 2
+    truth = abs(mean - bias)
+    if truth <= 1e-9 * abs(mean):
+        return (abs(mean), 0.0) if mean else (1.0, 0.0)
+    return truth, math.sqrt(variance)
+
+
+def _pooled(compared: list[Compared], largest_channel: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes of the errors of all probes (N,), over channels root mean square or the largest, and how many
+    pixels each probe stands for (N,)."""
+    errors = [
+        np.abs(each.errors).max(axis=1) if largest_channel else np.sqrt((each.errors**2).mean(axis=1))
+        for each in compared
+    ]
+    sampling = [np.full(len(each.values), each.population / max(len(each.values), 1)) for each in compared]
+    return np.concatenate([np.zeros(0), *errors]), np.concatenate([np.zeros(0), *sampling])
+
+
+def _counted(compared: Compared) -> Compared:
+    """Its wrong pixels as errors of 1."""
+    wrong = (np.abs(compared.errors).max(axis=1) > WRONG).astype(np.float64)[:, None]
+    return Compared(compared.population, wrong, np.zeros((1, *wrong.shape)))
+
+
+def _root(total: float, pixels: int) -> float:
+    return math.sqrt(max(total, 0.0) / pixels) if pixels else 0.0

@@ -1,0 +1,172 @@
+"""Made-up layers of light and masks whose error is known, to test the measuring with."""
+
+from __future__ import annotations
+
+import numpy as np
+from strata.addon.core.metrics import relative_l2, wrong_share
+from strata.addon.core.outline import PixelFilter
+from strata.addon.core.sampling import footprints
+from strata.addon.core.surface import Chunk
+from strata.addon.core.view_rays import ViewRays
+from strata.addon.measure.image import WRONG, WatchedImage, measure_light, measure_mask
+from strata.addon.measure.measure import finished
+from strata.addon.measure.probes import ProbeCollector
+from strata.addon.measure.report import LayerError
+
+NAME = "Layer"
+
+
+def collected(values: np.ndarray, probes: int, seed: int) -> ProbeCollector:
+    """What is kept of a layer (height, width[, channels]) in front of a flat wall, in two tiles."""
+    height, width = values.shape[:2]
+    collector = ProbeCollector([WatchedImage(NAME, "fake", ("depth",))], probes, seed, frame=1)
+    surface = {"depth": np.ones((height, width), np.float32)}
+    for y0, y1 in ((0, height // 2), (height // 2, height)):
+        chunk = Chunk(width, height, y0, y1, 0, (0.0, 0.0))
+        collector.add(chunk, {"depth": surface["depth"][y0:y1]}, {NAME: values[y0:y1]})
+    return collector
+
+
+class Light:
+    """A radiance layer; `values` and `truths` (height, width, 3) float64; `noise`: standard deviation of one
+    estimate of the reference over the truth's mean, 0 for an exact one."""
+
+    def __init__(self, values: np.ndarray, truths: np.ndarray, noise: float = 0.0):
+        self.values, self.truths, self.noise = values.astype(np.float32), truths, noise
+
+    @property
+    def error(self) -> float:
+        return relative_l2(self.values, self.truths)
+
+    def measured(self, probes: int, seed: int) -> LayerError:
+        collector = collected(self.values, probes, seed)
+        flat = self.truths.reshape(-1, 3)
+
+        def reference(kept, seed):
+            truth = flat[kept.pixels]
+            if not self.noise:
+                return truth[None]
+            spread = self.noise * self.truths.mean()
+            return truth + spread * np.random.default_rng(seed).standard_normal((2, *truth.shape))
+
+        strata, total = list(collector.kept(NAME)), collector.totals[NAME]
+        return finished(measure_light(strata, total, len(flat), probes, reference, "made up", seed))
+
+
+def fog(rng, side: int = 200) -> np.ndarray:
+    """(side, side, 3) smooth light with a shaft, a thousand times brighter at one end than at the other."""
+    y, x = np.mgrid[0:side, 0:side] / side
+    glow = np.exp(-7.0 * x) * (1.0 + 0.5 * np.sin(9.0 * y + rng.uniform(0.0, 6.0)))
+    shaft = 0.3 * (np.abs(x - y - rng.uniform(-0.3, 0.3)) < 0.05)
+    return (glow + shaft)[..., None] * np.array([1.0, 0.8, 0.5])
+
+
+def slightly_off(rng) -> Light:
+    truths = fog(rng)
+    return Light(truths * (1.0 + 0.02 * rng.standard_normal(truths.shape)), truths)
+
+
+def noisy_reference(rng) -> Light:
+    light = slightly_off(rng)
+    return Light(light.values, light.truths, noise=0.05)
+
+
+def too_dark(rng) -> Light:
+    """By a tenth all over: its mean is wrong too."""
+    truths = fog(rng)
+    return Light(0.9 * truths, truths)
+
+
+def black(rng) -> Light:
+    truths = fog(rng)
+    return Light(np.zeros_like(truths), truths)
+
+
+def exact(rng) -> Light:
+    truths = fog(rng)
+    return Light(truths, truths.astype(np.float32).astype(np.float64))
+
+
+def rarely_wrong(rng) -> Light:
+    """One pixel in 2000 has twice its light."""
+    truths = fog(rng)
+    values = truths.copy()
+    values[rng.random(truths.shape[:2]) < 5e-4] *= 2.0
+    return Light(values, truths)
+
+
+def shifted(rng) -> Light:
+    """By a pixel: wrong at edges only."""
+    truths = fog(rng)
+    return Light(np.roll(truths, 1, axis=1), truths)
+
+
+class Mask:
+    """A mask of stripes, 1 where sin(frequency (x + slope y)) > 0 at a point in pixels; `spoil(image)` may
+    change the (height, width) float64 finished image, the mean of `samples` samples."""
+
+    def __init__(self, rng, spoil=None, samples: int = 64, side: int = 100):
+        self.frequency, self.slope, self.side = rng.uniform(0.2, 0.5), rng.uniform(-1.0, 1.0), side
+        self.filter = PixelFilter("BLACKMAN_HARRIS", 1.5)
+        self.image = self.covered(samples, seed=1)
+        if spoil:
+            spoil(self.image)
+
+    def at(self, x, y) -> np.ndarray:
+        return (np.sin(self.frequency * (x + self.slope * y)) > 0.0).astype(np.float64)
+
+    def covered(self, samples: int, seed: int) -> np.ndarray:
+        pixels = self.side * self.side
+        jitter = footprints(self.filter, pixels, samples, seed)
+        y, x = np.divmod(np.arange(pixels), self.side)
+        values = self.at(x[:, None] + 0.5 + jitter[..., 0], y[:, None] + 0.5 + jitter[..., 1])
+        return values.mean(axis=1).reshape(self.side, self.side)
+
+    @property
+    def error(self) -> float:
+        """By as many rays as the reference takes: coverages of an eighth are right or wrong by one ray."""
+        return wrong_share(self.image, self.covered(64, seed=2), WRONG)
+
+    def measured(self, probes: int, seed: int) -> LayerError:
+        collector = collected(self.image.astype(np.float32), probes, seed)
+
+        def look(pixels, jitter):
+            nothing = np.zeros((len(pixels), 3))
+            return ViewRays(pixels, jitter, nothing, nothing, nothing[:, 0], {})
+
+        def reference(seen, seed):
+            return self.at(*(seen.pixels + 0.5 + seen.jitter).T)[None, :, None]
+
+        def scattered(pixels, samples, seed):
+            return footprints(self.filter, pixels, samples, seed)
+
+        strata = list(collector.kept(NAME))
+        return finished(measure_mask(strata, self.image, probes, reference, look, scattered, "made up", seed))
+
+
+def good_mask(rng) -> Mask:
+    return Mask(rng)
+
+
+def coarse_mask(rng) -> Mask:
+    """One sample a pixel: wrong along all edges."""
+    return Mask(rng, samples=1)
+
+
+def rarely_wrong_mask(rng) -> Mask:
+    """One pixel in 300 is inverted."""
+
+    def spoil(image):
+        wrong = rng.random(image.shape) < 1.0 / 300.0
+        image[wrong] = 1.0 - image[wrong]
+
+    return Mask(rng, spoil)
+
+
+def blotched_mask(rng) -> Mask:
+    """A corner is missing."""
+
+    def spoil(image):
+        image[:15, :20] = 0.0
+
+    return Mask(rng, spoil)
