@@ -5,11 +5,12 @@ from __future__ import annotations
 
 def _modules() -> tuple:
     """What registers, in order. Imported here: without Blender the package is importable too."""
+    from .addon import preview
     from .addon.engine import engine
     from .addon.ui import panels, properties
     from .ops import bake, command, ramp
 
-    return properties, engine, bake, ramp, panels, command
+    return properties, preview, engine, bake, ramp, panels, command
 
 
 def register() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -53,3 +54,12 @@ class Arrays:
     cutouts: tuple[Cutout, ...]
     textures: dict[int, np.ndarray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+
+
+def bytes_of(value: Any) -> int:
+    """Of the arrays, and whatever else has `nbytes`, in nested dicts, tuples and lists."""
+    if isinstance(value, dict):
+        return sum(map(bytes_of, value.values()))
+    if isinstance(value, (tuple, list)):
+        return sum(map(bytes_of, value))
+    return getattr(value, "nbytes", 0)

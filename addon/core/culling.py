@@ -13,8 +13,7 @@ AXES = np.eye(3)
 
 def boxes_of(outline: Outline) -> np.ndarray:
     """(N, 2, 3) float64: low and high corners of the instances."""
-    boxes = [(instance.bounds.low, instance.bounds.high) for instance in outline.instances]
-    return np.array(boxes, np.float64).reshape(-1, 2, 3)
+    return outline.instances.boxes
 
 
 def corners_of(boxes: np.ndarray) -> np.ndarray:
@@ -67,8 +66,7 @@ def receivers_in_view(outline: Outline, boxes: np.ndarray) -> tuple[np.ndarray, 
     if not len(boxes):
         return np.zeros(0, bool), np.zeros((0, 2, 3))
     view = outline.view
-    shown = np.array([i.visible_camera and not i.is_holdout for i in outline.instances])
-    seen = shown & in_frustum(view, boxes)
+    seen = outline.instances.shown & in_frustum(view, boxes)
     if not seen.any():
         return seen, np.zeros((0, 2, 3))
     if outline.seen is not None:
@@ -122,7 +120,7 @@ def casters_into(light: Light, region: np.ndarray, boxes: np.ndarray) -> np.ndar
     """(N,) bool: False only where nothing in the box can lie between the light and `region` (2, 3): where an
     axis separates it from the hull of the two."""
     emitter = light.emitter
-    corners = corners_of(boxes)
+    centres, extents = boxes.mean(axis=1), 0.5 * (boxes[:, 1] - boxes[:, 0])
     target = corners_of(region[None])[0]
     distant = emitter.kind == EmitterKind.DISTANT_DISK
     if distant:
@@ -141,13 +139,14 @@ def casters_into(light: Light, region: np.ndarray, boxes: np.ndarray) -> np.ndar
         low, high = along.min(), along.max()
         if distant:
             # The region swept towards the sun, whose disk widens the sweep with distance.
-            reach = np.abs((corners - target.mean(axis=0)) @ towards).max() + 1.0
+            along_light = np.abs((centres - target.mean(axis=0)) @ towards) + extents @ np.abs(towards)
+            reach = along_light.max(initial=0.0) + 1.0
             drift = reach * (axis @ towards)
             spread = reach * emitter.half_width * np.linalg.norm(axis)
             low, high = min(low, low + drift) - spread, max(high, high + drift) + spread
         else:
             low, high = min(low, (source @ axis).min()), max(high, (source @ axis).max())
         slack = 1e-6 * max(high - low, abs(low), abs(high))
-        reach_low, reach_high = (corners @ axis).min(axis=1), (corners @ axis).max(axis=1)
-        keep &= (reach_low <= high + slack) & (reach_high >= low - slack)
+        middle, reach = centres @ axis, extents @ np.abs(axis)
+        keep &= (middle - reach <= high + slack) & (middle + reach >= low - slack)
     return keep

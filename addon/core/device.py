@@ -31,6 +31,9 @@ class Device(Protocol):
     def from_host(self, value: Any) -> Any:
         """The inverse of `to_host`."""
 
+    def size_of(self, value: Any) -> int:
+        """Bytes that the value's arrays take; 0 for handles that do not tell."""
+
     def finish(self) -> None:
         """Waits until all work is done, so that a clock read next is honest."""
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from .device import Device
 from .errors import Cancelled
-from .graph import Graph, Node
+from .graph import Graph, Node, PlannedLayer
 from .sampling import Sampling
 from .surface import Chunk
 
@@ -37,16 +37,29 @@ class Timing:
 @dataclass
 class Execution:
     """What came out. `images`: (height, width[, channels]) float32 by layer name, row 0 at the bottom.
-    `spread`: the same shape, the mean over pixels' samples of the squared deviation from their mean."""
+    `spread`: the same shape, the mean over pixels' samples of the squared deviation from their mean. Until
+    the end, both are sums; `samples` counts those that the whole image has (with a progressive sampling)."""
 
     images: dict[str, np.ndarray] = field(default_factory=dict)
     timings: dict[tuple[str, str], Timing] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     spread: dict[str, np.ndarray] = field(default_factory=dict)
+    samples: int = 0
 
     def seconds(self, nodes) -> float:
         keys = {node.key for node in nodes}
         return sum(timing.seconds for timing in self.timings.values() if timing.node.key in keys)
+
+
+@dataclass
+class _Context:
+    """What the nodes being run belong to. `passing` holds values at the surface of `chunk`; None: a frame's,
+    which outlive it."""
+
+    graph: Graph | None = None
+    chunk: Chunk | None = None
+    passing: dict[tuple, Any] | None = field(default_factory=dict)
+    execution: Execution = field(default_factory=Execution)
 
 
 class Executor:
@@ -55,26 +68,40 @@ class Executor:
 
     `fallback` is the CPU device, taken where the primary lacks a twin or fails; it may be the primary.
     `keeps_inputs`: values that only other kept values were made of stay too (a preview's slider may want
-    them again); if not, they are freed as soon as nothing of the graph needs them.
+    them again); if not, they are freed as soon as nothing of the graph needs them. `kept_surface_bytes`
+    bounds what `frame` keeps of values that do depend on the surface.
+
+    Several runs and frames may be under way at once, a step of one after a step of another, and any may be
+    abandoned between two nodes.
     """
 
-    def __init__(self, primary: Device, fallback: Device, kept_values: int = 64, keeps_inputs: bool = True):
+    def __init__(
+        self,
+        primary: Device,
+        fallback: Device,
+        kept_values: int = 64,
+        keeps_inputs: bool = True,
+        kept_surface_bytes: int = 0,
+    ):
         self.primary = primary
         self.fallback = fallback
         self.kept_values = kept_values
         self.keeps_inputs = keeps_inputs
+        self.kept_surface_bytes = kept_surface_bytes
         self._kept: OrderedDict[tuple[str, str], Any] = OrderedDict()
-        self._passing: dict[tuple[str, str], Any] = {}
+        self._framed: OrderedDict[tuple, Any] = OrderedDict()
         self._broken: dict[tuple[str, str], str] = {}
-        self._chunk: Chunk | None = None
-        self._graph: Graph | None = None
-        self.execution = Execution()
+        self._now = _Context()
+
+    @property
+    def execution(self) -> Execution:
+        """Of the run or frame that worked last."""
+        return self._now.execution
 
     def run(self, graph: Graph, sampling: Sampling, collector: Collector | None = None) -> Iterator[float]:
         """A generator of the share done so far, one value a node; `self.execution` holds the result at its
         end. Raises Cancelled when the flag of either device is set."""
-        self.execution = Execution()
-        self._graph = graph
+        context = self._now = _Context(graph)
         if not graph.layers:
             return
         nodes = graph.nodes()
@@ -87,34 +114,61 @@ class Executor:
             for node in scene_nodes:
                 # A node that only the other device's nodes read is made there, when they ask for it.
                 if node.step.twin(self.primary.name) or self.primary is self.fallback:
+                    self._now = context
                     self.value(node, self.primary)
                     self._free_inputs(node, readers)
                 done += 1
                 yield done / total
             for chunk in sampling.chunks():
-                self._chunk = chunk
+                context.chunk = chunk
                 for node in surface_nodes:
+                    self._now = context
                     self.value(node, self._home(node))
                     done += 1
                     yield done / total
+                self._now = context
                 self._collect(graph, sampling, chunk, collector)
-                self._drop_passing()
+                self._drop_passing(context)
+                if chunk.y1 == sampling.height:
+                    context.execution.samples = chunk.sample + 1
         finally:
-            self._drop_passing()
+            self._drop_passing(context)
             self._trim()
-        for name, image in self.execution.images.items():
+        for name, image in context.execution.images.items():
             image /= np.float32(sampling.samples)
-            spread = self.execution.spread[name]
+            spread = context.execution.spread[name]
             spread /= np.float32(sampling.samples)
             np.maximum(spread - image * image, 0.0, out=spread)
 
+    def frame(self, graph: Graph, chunk: Chunk) -> Iterator[float]:
+        """A generator as `run`, of one chunk: a preview's frame. Values at its surface are kept too, so that
+        the next frame of the same camera runs only what has changed. When it has ended, `layer_value` gives
+        the images, and `self.execution` tells what ran."""
+        context = _Context(graph, chunk, passing=None)
+        nodes = graph.nodes()
+        try:
+            for done, node in enumerate(nodes, start=1):
+                self._now = context
+                if node.per_surface:
+                    self.value(node, self._home(node))
+                elif node.step.twin(self.primary.name) or self.primary is self.fallback:
+                    self.value(node, self.primary)
+                yield done / len(nodes)
+        finally:
+            self._now = context
+            self._trim()
+
+    def layer_value(self, layer: PlannedLayer) -> tuple[Device, Any]:
+        """A layer of the last frame, and the device that holds it."""
+        device = self._home(layer.node)
+        return device, self.value(layer.node, device)
+
     def value(self, node: Node, device: Device) -> Any:
         """The node's value on `device`, running or moving what that takes."""
-        store = self._passing if node.per_surface else self._kept
-        key = (device.name, node.key)
+        store, key = self._place(node, device)
         if key in store:
-            if store is self._kept:
-                self._kept.move_to_end(key)
+            if isinstance(store, OrderedDict):
+                store.move_to_end(key)
             return store[key]
         for flagged in (self.primary, self.fallback):
             if flagged.cancel_flag.is_set():
@@ -136,10 +190,22 @@ class Executor:
 
     def release(self) -> None:
         """Frees everything that was kept."""
-        self._drop_passing()
+        self._framed.clear()
+        self._drop_passing(self._now)
         self.kept_values, kept = 0, self.kept_values
         self._trim()
         self.kept_values = kept
+
+    def _place(self, node: Node, device: Device) -> tuple[dict, tuple]:
+        """Where the node's value is kept, and under which key."""
+        if not node.per_surface:
+            return self._kept, (device.name, node.key)
+        now = self._now
+        if now.passing is not None:
+            return now.passing, (device.name, node.key)
+        # What the surface carries is the graph's to say, and no part of the node's key.
+        attributes = now.graph.surface_attributes if node == now.graph.surface else None
+        return self._framed, (device.name, node.key, now.chunk, attributes)
 
     def _home(self, node: Node) -> Device:
         return self.primary if self._usable(node, self.primary) else self.fallback
@@ -149,11 +215,12 @@ class Executor:
 
     def _run(self, node: Node, device: Device) -> Any:
         inputs = [self.value(item, device) for item in node.inputs]
+        graph, chunk = self._now.graph, self._now.chunk
         extra: dict[str, Any] = {}
-        if self._graph is not None and node == self._graph.surface:
-            extra = {"chunk": self._chunk, "attributes": self._graph.surface_attributes}
+        if graph is not None and node == graph.surface:
+            extra = {"chunk": chunk, "attributes": graph.surface_attributes}
         elif node.step.told_chunk:
-            extra = {"chunk": self._chunk}
+            extra = {"chunk": chunk}
         started = time.perf_counter()
         compiling = device.compile_seconds
         try:
@@ -203,17 +270,26 @@ class Executor:
                     if value is not None:
                         device.release(value)
 
-    def _drop_passing(self) -> None:
+    def _drop_passing(self, context: _Context) -> None:
         devices = {device.name: device for device in (self.primary, self.fallback)}
-        for (name, _), value in self._passing.items():
+        for (name, _), value in (context.passing or {}).items():
             devices[name].release(value)
-        self._passing.clear()
+        if context.passing:
+            context.passing.clear()
 
     def _trim(self) -> None:
         devices = {device.name: device for device in (self.primary, self.fallback)}
         while len(self._kept) > self.kept_values:
             (name, _), value = self._kept.popitem(last=False)
             devices[name].release(value)
+        sizes = [devices[key[0]].size_of(value) for key, value in self._framed.items()]
+        excess = sum(sizes) - self.kept_surface_bytes
+        for size in sizes:
+            if excess <= 0:
+                break
+            # Not freed by force: a step may hand on what it was given, so that another value shares it.
+            self._framed.popitem(last=False)
+            excess -= size
 
 
 def drain(steps: Iterator[float], progress: Callable[[float], None] | None = None) -> None:

@@ -7,7 +7,9 @@ Filled by `addon/scene/scan.py`. Everything here is plain and immutable; indices
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -221,12 +223,55 @@ class Instance:
     is_shadow_catcher: bool = False
 
 
+class Instances(tuple[Instance, ...]):
+    """All instances, and what is made of them as a whole, once: a scene may have tens of thousands, while
+    only its lights move."""
+
+    MOST_MEMOS = 256
+
+    @cached_property
+    def boxes(self) -> np.ndarray:
+        """(N, 2, 3) float64: low and high corners."""
+        boxes = [(instance.bounds.low, instance.bounds.high) for instance in self]
+        return np.array(boxes, np.float64).reshape(-1, 2, 3)
+
+    @cached_property
+    def shown(self) -> np.ndarray:
+        """(N,) bool: what a camera may see."""
+        return np.array([i.visible_camera and not i.is_holdout for i in self], bool)
+
+    @cached_property
+    def casting(self) -> np.ndarray:
+        """(N,) bool: what casts shadows."""
+        return np.array([instance.casts_shadow for instance in self], bool)
+
+    def materials_of(self, chosen: frozenset[int]) -> frozenset[int]:
+        """Materials that the instances `chosen` have."""
+        return self.memo(
+            ("materials", chosen), lambda: frozenset(m for i in chosen for m in self[i].materials)
+        )
+
+    @cached_property
+    def _memos(self) -> dict:
+        return {}
+
+    def memo[Result](self, key, make: Callable[[], Result]) -> Result:
+        """What `make` returned for this key; `key` has to hold all that the result depends on besides the
+        instances."""
+        if key not in self._memos:
+            while len(self._memos) >= self.MOST_MEMOS:
+                del self._memos[next(iter(self._memos))]
+            self._memos[key] = make()
+        return self._memos[key]
+
+
 @dataclass(frozen=True)
 class Outline:
     """A scene at a frame. `frame_size` is the whole frame in pixels (resolution percentage applied);
     `crop`, in pixels x0, y0, x1, y1 from the bottom left, is the part that the image shows (render region
     with "Crop to Render Region"), and `region` the part of the frame that is computed. `seen`: boxes
-    (M, 2, 3) float64 around what a coarse picture of the scene shows, once somebody has taken one."""
+    (M, 2, 3) float64 around what a coarse picture of the scene shows, once somebody has taken one;
+    `version` counts changes of what is in the scene while it is watched, as in a viewport."""
 
     scene_name: str
     view_layer_name: str
@@ -246,8 +291,11 @@ class Outline:
     working_space: str = "Linear Rec.709"
     seed: int = 0
     seen: np.ndarray | None = field(default=None, compare=False)
+    version: int = 0
 
     def __post_init__(self):
+        if not isinstance(self.instances, Instances):
+            object.__setattr__(self, "instances", Instances(self.instances))
         if min(self.size) < 1:
             raise StrataError(f"scene '{self.scene_name}': the image has no pixels")
         if max(self.frame_size) > LARGEST_SIDE:

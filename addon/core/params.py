@@ -130,6 +130,10 @@ class Params:
                 raise StrataError(f"{owner} has no parameter '{name}'; it has {', '.join(specs)}")
         return cls(**{name: specs[name].check(owner, value) for name, value in values.items()})
 
+    def lighter(self, share: float) -> Params:
+        """Parameters for a frame of about `share` of the work, while something moves in a preview."""
+        return self
+
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}

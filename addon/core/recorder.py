@@ -53,10 +53,10 @@ class Recorder:
         self._attributes.update(attributes)
         return self._surface
 
-    def reads_instances(self, instances) -> None:
+    def reads_instances(self, instances: frozenset[int]) -> None:
         """Says which instances the recorded steps look at; others are never extracted."""
         self._instances.update(instances)
-        materials = {m for i in instances for m in self.outline.instances[i].materials}
+        materials = self.outline.instances.materials_of(instances)
         if any(self.outline.materials[m].clips_by_texture for m in materials):
             self._wants.update(("uv", "alpha"))
 

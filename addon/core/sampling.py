@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
@@ -66,24 +67,31 @@ def _quantiles(pixel_filter: PixelFilter, uniform: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Sampling:
-    """An image of `width` x `height` pixels, `samples` jittered surfaces a pixel."""
+    """An image of `width` x `height` pixels, `samples` jittered surfaces a pixel. `tile_pixels` is about how
+    many pixels a tile holds, PIXELS_PER_TILE if None. `is_progressive`: every sample of the whole image
+    before the next one, so that a preview can show their mean; each pixel sums the same numbers in the same
+    order either way."""
 
     width: int
     height: int
     samples: int = 1
     pixel_filter: PixelFilter = field(default_factory=PixelFilter)
+    tile_pixels: int | None = None
+    is_progressive: bool = False
 
     @property
     def tile_rows(self) -> int:
-        return min(self.height, max(1, PIXELS_PER_TILE // self.width))
+        return min(self.height, max(1, (self.tile_pixels or PIXELS_PER_TILE) // self.width))
 
     def chunks(self) -> Iterator[Chunk]:
-        """Tile by tile, and within a tile sample by sample."""
-        offsets = jitters(self.pixel_filter, self.samples)
-        for y0 in range(0, self.height, self.tile_rows):
-            y1 = min(y0 + self.tile_rows, self.height)
-            for sample, (dx, dy) in enumerate(offsets):
-                yield Chunk(self.width, self.height, y0, y1, sample, (float(dx), float(dy)))
+        """Tile by tile, and within a tile sample by sample; or the other way round (`is_progressive`)."""
+        offsets = [(float(dx), float(dy)) for dx, dy in jitters(self.pixel_filter, self.samples)]
+        tiles = [(y0, min(y0 + self.tile_rows, self.height)) for y0 in range(0, self.height, self.tile_rows)]
+        numbers = range(self.samples)
+        order = product(numbers, tiles) if self.is_progressive else product(tiles, numbers)
+        for pair in order:
+            sample, (y0, y1) = pair if self.is_progressive else pair[::-1]
+            yield Chunk(self.width, self.height, y0, y1, sample, offsets[sample])
 
     @property
     def chunk_count(self) -> int:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import strata_kernels
 
-from ..core.arrays import Arrays, MeshArrays
+from ..core.arrays import Arrays, MeshArrays, bytes_of
 from ..core.emitter import Emitter
 from ..core.outline import Outline
 from ..core.surface import SurfacePoints
@@ -77,6 +77,9 @@ class CpuDevice:
 
     def from_host(self, value: Any) -> Any:
         return value
+
+    def size_of(self, value: Any) -> int:
+        return bytes_of(value)
 
     def finish(self) -> None:
         pass

@@ -14,7 +14,7 @@ from weakref import WeakSet
 
 import numpy as np
 
-from ..core.arrays import Arrays
+from ..core.arrays import Arrays, bytes_of
 from ..core.errors import Cancelled, DeviceUnavailable
 from ..core.outline import Outline
 from ..core.shader import Shader
@@ -140,6 +140,9 @@ class GpuDevice:
 
     def from_host(self, value: Any) -> Any:
         return self.upload(value) if isinstance(value, np.ndarray) else _mapped(value, self.from_host)
+
+    def size_of(self, value: Any) -> int:
+        return bytes_of(value)
 
     def release(self, value: Any) -> None:
         if isinstance(value, GpuImage):

@@ -37,6 +37,12 @@ class GpuImage:
         return texture_size(self.shape, self.columns)
 
     @property
+    def nbytes(self) -> int:
+        """What the texture takes."""
+        width, height = self.size
+        return width * height * 4 * (4 if self.channels == 3 else self.channels)
+
+    @property
     def format(self) -> str:
         return texture_format(self.dtype, self.channels)
 

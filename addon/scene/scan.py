@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import bpy
@@ -28,11 +29,13 @@ _NOT_READ = {
 @dataclass(frozen=True)
 class ScanOptions:
     """`size` in pixels replaces the scene's. `camera` replaces the scene's: an object's name, or a camera
-    that is no object (`cameras.viewport_camera`), which has neither render region nor pixel aspect."""
+    that is no object (`cameras.viewport_camera`), which has neither render region nor pixel aspect. `shows`,
+    called with an object of the scene, says whether to read it."""
 
     size: tuple[int, int] | None = None
     camera: str | Camera | None = None
     seed: int = 0
+    shows: Callable[[bpy.types.Object], bool] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +73,7 @@ class _Scanner:
     object_ids: dict[int, int] = field(default_factory=dict)
     lights: list[Light] = field(default_factory=list)
     light_objects: list[tuple[bpy.types.Object, bpy.types.Object]] = field(default_factory=list)
+    shown: dict[int, bool] = field(default_factory=dict)
     warnings: dict[str, None] = field(default_factory=dict)
 
     def run(self) -> Scan:
@@ -77,6 +81,8 @@ class _Scanner:
         view = self._view(scene)
         for instance in self.depsgraph.object_instances:
             shown = instance.object
+            if not self._is_shown(instance, shown):
+                continue
             if shown.type == "MESH":
                 if instance.show_self:
                     self._mesh(instance, shown)
@@ -107,6 +113,14 @@ class _Scanner:
             **view,
         )
         return Scan(outline, tuple(self.mesh_sources), tuple(self.images.sources))
+
+    def _is_shown(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> bool:
+        if self.options.shows is None:
+            return True
+        owner = (instance.parent if instance.is_instance else shown).original
+        if owner.session_uid not in self.shown:
+            self.shown[owner.session_uid] = self.options.shows(owner)
+        return self.shown[owner.session_uid]
 
     def _warn(self, warning: str) -> None:
         self.warnings[warning] = None

@@ -13,6 +13,7 @@ from ..core.effect import Effect
 from ..core.params import Colour, ParamSpec
 from ..core.ramp import HuePath, Ramp, RampInterpolation, RampMode
 from ..effects.registry import EFFECTS
+from .preview_settings import StrataPreviewSettings
 
 _FLOAT_LIMIT = 3.4e38  # of float32, which Blender keeps properties in
 _INT_LIMIT = 2**31 - 1
@@ -181,6 +182,7 @@ def _scene_group(groups: dict[str, type]) -> type:
     }  # fmt: skip
     for effect_id, group in groups.items():
         properties[effect_id] = bpy.props.PointerProperty(type=group)
+    properties["preview"] = bpy.props.PointerProperty(type=StrataPreviewSettings)
     return type("StrataSettings", (bpy.types.PropertyGroup,), {"__annotations__": properties})
 
 
@@ -192,7 +194,7 @@ def register() -> None:
     if _registered:
         return
     groups = {effect.id: _effect_group(effect) for effect in EFFECTS}
-    for cls in (*groups.values(), _scene_group(groups)):
+    for cls in (*groups.values(), StrataPreviewSettings, _scene_group(groups)):
         bpy.utils.register_class(cls)
         _registered.append(cls)
     bpy.types.Scene.strata = bpy.props.PointerProperty(type=_registered[-1])

@@ -59,8 +59,12 @@ RAY_ACCELERATOR = Step(
 
 def geometry(recorder: Recorder, outline: Outline) -> Node:
     """The scene at its frame."""
-    frame = (outline.scene_name, outline.view_layer_name, outline.frame)
-    return recorder.step(GEOMETRY, scene=frame)
+    return recorder.step(GEOMETRY, scene=_content(outline))
+
+
+def _content(outline: Outline) -> tuple:
+    """What the arrays of a scene are told apart by."""
+    return outline.scene_name, outline.view_layer_name, outline.frame, outline.version
 
 
 def surface(recorder: Recorder, outline: Outline, visible: frozenset[int], *attributes: str) -> Node:
@@ -99,8 +103,7 @@ def ray_accelerator(outline: Outline) -> Node:
     """A hierarchy over all that casts shadows or is seen, relative to the camera's eye, one for all: each
     query names its instances. Outside any graph too: measuring asks for the one that an effect may have
     built."""
-    frame = (outline.scene_name, outline.view_layer_name, outline.frame)
-    node = Node(GEOMETRY, "", (), {"scene": frame})
+    node = Node(GEOMETRY, "", (), {"scene": _content(outline)})
     casters = frozenset(
         i for i, each in enumerate(outline.instances) if each.casts_shadow or each.visible_camera
     )

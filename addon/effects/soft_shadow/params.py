@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from ...core.params import Params, param
@@ -61,3 +61,13 @@ class SoftShadowParams(Params):
         trades_time=True,
         doc="Rays for each point that the map is unsure of, with the hybrid method",
     )
+
+    def lighter(self, share: float) -> SoftShadowParams:
+        """Smaller maps, fewer texels of them a point, and no rays: a hierarchy for those takes longer than a
+        frame to build."""
+        return replace(
+            self,
+            resolution=max(128, round(self.resolution * share)),
+            max_samples=max(16, round(self.max_samples * share)),
+            method=Method.BITMASK if self.method == Method.HYBRID else self.method,
+        )

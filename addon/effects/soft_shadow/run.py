@@ -75,7 +75,14 @@ def _unneeded(light: Light, seen: np.ndarray, region: np.ndarray) -> str | None:
 
 
 def _casters(light: Light, outline: Outline, region: np.ndarray, boxes: np.ndarray) -> frozenset[int]:
-    allowed = np.array([instance.casts_shadow for instance in outline.instances])
+    instances = outline.instances
+    return instances.memo(
+        ("casters", light.emitter, light.casters, region.tobytes()),
+        lambda: _casters_now(light, instances.casting.copy(), region, boxes),
+    )
+
+
+def _casters_now(light: Light, allowed: np.ndarray, region: np.ndarray, boxes: np.ndarray) -> frozenset[int]:
     if light.casters is not None:
         linked = np.zeros(len(allowed), bool)
         linked[list(light.casters)] = True
@@ -88,7 +95,10 @@ def _record_light(recorder, outline, params, index, casters, seen, receivers, bo
     visible = frozenset(np.flatnonzero(seen).tolist())
     attributes = POINTS if light.receivers is None else (*POINTS, "instance")
     surface = shared.surface(recorder, outline, visible, *attributes)
-    views, left_out = light_views(light.emitter, boxes[sorted(casters)], receivers)
+    views, left_out = outline.instances.memo(
+        ("views", light.emitter, casters, receivers.tobytes()),
+        lambda: light_views(light.emitter, boxes[sorted(casters)], receivers),
+    )
     for what, reason in left_out:
         recorder.left_out(f"soft_shadow {light.name} {what}", reason, light.name)
     if not _has_size(light):
@@ -157,7 +167,8 @@ def _has_size(light: Light) -> bool:
 
 def _report_idle_instances(recorder: Recorder, outline: Outline, seen: np.ndarray) -> None:
     """Objects that are neither seen nor cast into view are never read."""
-    idle = [i for i in range(len(outline.instances)) if not seen[i] and i not in recorder.instances]
+    unseen, read = np.flatnonzero(~seen).tolist(), recorder.instances
+    idle = [i for i in unseen if i not in read]
     names = sorted({outline.instances[i].name for i in idle})
     shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
     if names:

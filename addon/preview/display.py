@@ -1,0 +1,108 @@
+"""Puts a picture into a viewport: the only drawing of the preview."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gpu
+import numpy as np
+
+from ..core.shader import Shader
+from ..devices.gpu_shader import compiled
+from .view_transform import LOWEST, SIZE, STEPS
+
+COLOUR = Shader(
+    "preview/display.glsl",
+    vertex="preview/quad.glsl",
+    samplers=(("image", "FLOAT_2D"), ("table", "FLOAT_3D")),
+    params=("place", "levels", "style"),
+    varyings=(("smooth", "VEC2", "at"),),
+    outputs=(("VEC4", "colour"),),
+)
+DATA = Shader(
+    "preview/display.glsl",
+    vertex="preview/quad.glsl",
+    defines=("DATA",),
+    samplers=(("image", "FLOAT_2D"),),
+    params=("place", "levels", "style"),
+    varyings=(("smooth", "VEC2", "at"),),
+    outputs=(("VEC4", "colour"),),
+)
+GREY = DATA.defining("GREY")
+
+_programs: dict[Shader, Any] = {}
+_quad: list[Any] = []
+
+
+def variants() -> tuple[Shader, ...]:
+    """Every program that the preview may compile."""
+    return COLOUR, DATA, GREY
+
+
+def release() -> None:
+    """Lets go of everything on the GPU."""
+    _programs.clear()
+    _quad.clear()
+
+
+def picture_texture(pixels: np.ndarray):
+    """A texture of (height, width[, 4]) float32."""
+    height, width = pixels.shape[:2]
+    data = gpu.types.Buffer("FLOAT", pixels.size, np.ascontiguousarray(pixels).reshape(-1))
+    return gpu.types.GPUTexture((width, height), format="R32F" if pixels.ndim == 2 else "RGBA32F", data=data)
+
+
+def table_texture(table: np.ndarray):
+    """The texture of a view transform's table."""
+    data = gpu.types.Buffer("FLOAT", table.size, np.ascontiguousarray(table).reshape(-1))
+    texture = gpu.types.GPUTexture((SIZE, SIZE, SIZE), format="RGBA16F", data=data)
+    texture.filter_mode(True)
+    texture.extend_mode("EXTEND")
+    return texture
+
+
+def draw_picture(
+    texture,
+    channels: int,
+    place: tuple[float, float, float, float],
+    size: tuple[int, int],
+    table=None,
+    exposure_factor: float = 1.0,
+    encodes: bool = False,
+) -> None:
+    """Draws a texture of `channels` numbers into the bound framebuffer. `place` is left, bottom, right, top
+    in pixels of a viewport of `size` pixels; `table` a view transform's texture, None to show numbers as they
+    are; `encodes`: the framebuffer turns linear light into sRGB itself, as a viewport's overlays do. Blends
+    by alpha, premultiplied; all state is put back."""
+    shader = GREY if channels == 1 else DATA if table is None else COLOUR
+    if shader not in _programs:
+        _programs[shader] = compiled(shader)
+    if not _quad:
+        form = gpu.types.GPUVertFormat()
+        form.attr_add(id="unused", comp_type="U32", len=1, fetch_mode="INT")
+        _quad.append(gpu.types.GPUVertBuf(form, 6))
+        _quad[0].attr_fill("unused", np.zeros(6, np.uint32))
+    program, batch = _programs[shader], gpu.types.GPUBatch(type="TRIS", buf=_quad[0])
+    values = np.zeros((len(shader.params), 4), np.float32)
+    values[0] = [2.0 * edge / size[i % 2] - 1.0 for i, edge in enumerate(place)]
+    values[1, :3] = LOWEST, STEPS, SIZE
+    values[2, :2] = exposure_factor, encodes
+    state = gpu.state
+    before = state.blend_get(), state.depth_test_get(), state.depth_mask_get()
+    texture.filter_mode(True)
+    texture.extend_mode("EXTEND")
+    try:
+        state.blend_set("ALPHA_PREMULT")
+        state.depth_test_set("NONE")
+        state.depth_mask_set(False)
+        program.bind()
+        block = gpu.types.GPUUniformBuf(values)
+        program.uniform_block("params", block)
+        program.uniform_sampler("image", texture)
+        if shader is COLOUR:
+            program.uniform_sampler("table", table)
+        batch.draw(program)
+    finally:
+        state.blend_set(before[0])
+        state.depth_test_set(before[1])
+        state.depth_mask_set(before[2])
