@@ -12,17 +12,18 @@ import numpy as np
 from .core.arrays import Arrays
 from .core.effect import Effect
 from .core.errors import Cancelled, StrataError
-from .core.executor import Executor
-from .core.graph import Graph, PlannedLayer
+from .core.executor import Execution, Executor
+from .core.graph import Graph, Node
 from .core.layers import Layer, LayerSet
 from .core.outline import Outline
 from .core.recorder import plan
 from .core.sampling import Sampling
+from .core.slices import timed
 from .devices.cpu import CpuRays
 from .devices.start import Devices, start_devices
 from .effects.registry import EFFECTS, effect_named
 from .effects.shared import composite, lit
-from .effects.shared.look import seen_boxes
+from .effects.shared.look import look
 from .effects.shared.steps import ray_accelerator
 from .measure.measure import Measurement
 from .measure.report import LayerError, Report, StepTime, report_of
@@ -142,7 +143,8 @@ class BakeJob:
     def _run(self) -> Iterator[None]:
         started = time.perf_counter() - self._read_seconds
         executor = Executor(self.devices.primary, self.devices.fallback, keeps_inputs=False)
-        self._look(executor)
+        yield from self._look(executor)
+        looked = executor.execution.timings
         outline, options = self.outline, self.options
         sampling = Sampling(*outline.computed_size, options.samples, outline.pixel_filter)
         measurement = Measurement(self.graph, outline, options.probes, options.seed)
@@ -151,45 +153,60 @@ class BakeJob:
         for done in executor.run(self.graph, sampling, measurement if options.probes else None):
             self.progress = share * done
             yield
+        execution = executor.execution
+        for timing in looked.values():
+            execution.add_time(timing.node, timing.device, timing.seconds, timing.runs)
         errors = {}
         if options.probes:
-            self.stage = "Measuring"
-            layers = [layer for layer in self.graph.layers if layer.kind.reference]
-            for number, layer in enumerate(layers):
-                errors[layer.name] = yield from self._measure(measurement, executor, layer)
-                self.progress = share + (1.0 - share) * (number + 1) / len(layers)
-                yield
+            errors = yield from self._measure(measurement, executor, share)
         executor.release()
         seconds = time.perf_counter() - started
-        self._result = self._finished(executor, errors, seconds)
+        self._result = self._finished(execution, errors, seconds)
         self.progress, self.stage = 1.0, "Done"
 
-    def _look(self, executor: Executor) -> None:
+    def _look(self, executor: Executor) -> Generator[None]:
         """Takes a coarse picture of the scene and plans again with it: boxes alone cannot tell that a wall
         hides the plain behind it, and maps would be spread over both."""
         if self.graph.surface is None:
             return
-        node = self.graph.surface
-        started = time.perf_counter()
-        geometry = executor.value(node.inputs[0], self.devices.fallback)
-        seen = seen_boxes(self.devices.fallback, geometry, self.outline, node.params["visible"])
+        node, device = self.graph.surface, self.devices.fallback
+        geometry = executor.value(node.inputs[0], device)
+        yield
+        looking = look(device, geometry, self.outline, node.params["visible"])
+        seen, self._look_seconds = yield from timed(self._unless_cancelled(looking))
         if len(seen):
+            started = time.perf_counter()
             self.outline = replace(self.outline, seen=seen)
             self.graph = plan_scene(self.outline, self.options)
-        self._look_seconds = time.perf_counter() - started
+            self._look_seconds += time.perf_counter() - started
 
     def _measure(
-        self, measurement: Measurement, executor: Executor, layer: PlannedLayer
-    ) -> Generator[None, None, LayerError]:
-        """Rays against the layer's own casters, on the CPU whatever made the layer."""
-        device, graph = self.devices.fallback, self.graph
-        accelerator = executor.value(ray_accelerator(self.outline), device)
+        self, measurement: Measurement, executor: Executor, share: float
+    ) -> Generator[None, None, dict[str, LayerError]]:
+        """Each layer's error, by name: rays against the layer's own casters, on the CPU whatever made the
+        layer. `share` of the bake is done."""
+        self.stage = "Measuring"
+        layers = [layer for layer in self.graph.layers if layer.kind.reference]
+        if not layers:
+            return {}
+        device, graph, execution = self.devices.fallback, self.graph, executor.execution
+        accelerator, seconds = _value_apart(executor, ray_accelerator(self.outline), device)
+        yield
         camera = device.camera_rays(graph.surface.params["visible"], graph.surface_attributes)
         rays = CpuRays(accelerator, np.array(self.outline.view.eye), device.cancel_flag, camera)
-        casters = device.instance_mask(layer.casters)
-        work = measurement.measure(layer, rays, casters, executor.execution.images[layer.name])
+        errors = {}
+        for number, layer in enumerate(layers, start=1):
+            casters = device.instance_mask(layer.casters)
+            work = measurement.measure(layer, rays, casters, execution.images[layer.name])
+            error = yield from self._unless_cancelled(work)
+            errors[layer.name] = replace(error, seconds=error.seconds + seconds / len(layers))
+            self.progress = share + (1.0 - share) * number / len(layers)
+        return errors
+
+    def _unless_cancelled[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
+        """The same; raises Cancelled at its next slice once the flag is set."""
         while True:
-            if device.cancel_flag.is_set():
+            if self.devices.fallback.cancel_flag.is_set():
                 raise Cancelled()
             try:
                 next(work)
@@ -197,16 +214,18 @@ class BakeJob:
                 return end.value
             yield
 
-    def _finished(self, executor: Executor, errors: dict, seconds: float) -> Baked:
-        outline, execution = self.outline, executor.execution
+    def _finished(self, execution: Execution, errors: dict[str, LayerError], seconds: float) -> Baked:
+        outline = self.outline
         own = _own_nodes(self.graph)
         chosen = self.options.chosen()
         settings = {effect.id: params.as_dict() for effect, params in chosen.items()}
         layers, costs = [], {}
         for layer in (layer for layer in self.graph.layers if layer.effect):
+            # Any layer needs the look; it is a layer's own where there is no other.
+            own_look = self._look_seconds if len(own) == 1 else 0.0
             costs[layer.name] = (
-                execution.seconds(own[layer.name]),
-                execution.seconds(self.graph.nodes([layer.node])),
+                own_look + execution.seconds(own[layer.name]),
+                self._look_seconds + execution.seconds(self.graph.nodes([layer.node])),
             )
             error = errors[layer.name].to_json() if layer.name in errors else {}
             layers.append(
@@ -260,6 +279,17 @@ class BakeJob:
             if not layer.effect
         }
         return Baked(layer_set, report, pictures, pictures.pop(None, None))
+
+
+def _value_apart(executor: Executor, node: Node, device) -> tuple[Any, float]:
+    """A node's value, and the seconds that it took, if any: they are no layer's, and not in the timings."""
+    timings = executor.execution.timings
+    before = {key: replace(timing) for key, timing in timings.items()}
+    value = executor.value(node, device)
+    seconds = sum(timing.seconds for timing in timings.values())
+    timings.clear()
+    timings.update(before)
+    return value, seconds - sum(timing.seconds for timing in before.values())
 
 
 def _own_nodes(graph: Graph) -> dict[str, list]:

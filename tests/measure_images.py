@@ -6,10 +6,10 @@ import numpy as np
 from strata.addon.core.metrics import relative_l2, wrong_share
 from strata.addon.core.outline import PixelFilter
 from strata.addon.core.sampling import footprints
+from strata.addon.core.slices import finished
 from strata.addon.core.surface import Chunk
 from strata.addon.core.view_rays import ViewRays
 from strata.addon.measure.image import WRONG, WatchedImage, measure_light, measure_mask
-from strata.addon.measure.measure import finished
 from strata.addon.measure.probes import ProbeCollector
 from strata.addon.measure.report import LayerError
 

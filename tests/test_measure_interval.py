@@ -5,9 +5,9 @@ import math
 import measure_fields as fields
 import numpy as np
 import pytest
+from strata.addon.core.slices import finished
 from strata.addon.measure.estimate import Group, Measured, binary_part, grouped_part
 from strata.addon.measure.interval import Part, gamma_distribution, gamma_quantile, joined, limits
-from strata.addon.measure.measure import finished
 from strata.addon.measure.survey import allot
 from strata.addon.measure.visibility import measure_visibility
 

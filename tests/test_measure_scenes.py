@@ -14,11 +14,12 @@ from strata.addon.core.graph import Graph, PlannedLayer
 from strata.addon.core.outline import Outline
 from strata.addon.core.recorder import plan
 from strata.addon.core.sampling import Sampling
+from strata.addon.core.slices import finished
 from strata.addon.core.surface import Chunk
 from strata.addon.devices.cpu import CpuDevice, CpuRays
 from strata.addon.effects.shared import steps
 from strata.addon.effects.soft_shadow import EFFECT
-from strata.addon.measure.measure import Measurement, finished
+from strata.addon.measure.measure import Measurement
 from strata.addon.measure.report import LayerError
 
 SCENES = 50

@@ -46,6 +46,11 @@ class Execution:
     spread: dict[str, np.ndarray] = field(default_factory=dict)
     samples: int = 0
 
+    def add_time(self, node: Node, device: str, seconds: float, runs: int = 1) -> None:
+        timing = self.timings.setdefault((node.key, device), Timing(node, device))
+        timing.seconds += seconds
+        timing.runs += runs
+
     def seconds(self, nodes) -> float:
         keys = {node.key for node in nodes}
         return sum(timing.seconds for timing in self.timings.values() if timing.node.key in keys)
@@ -241,13 +246,12 @@ class Executor:
         return value
 
     def _time(self, node: Node, device: str, seconds: float) -> None:
-        timing = self.execution.timings.setdefault((node.key, device), Timing(node, device))
-        timing.seconds += seconds
-        timing.runs += 1
+        self.execution.add_time(node, device, seconds)
 
     def _collect(self, graph: Graph, sampling: Sampling, chunk: Chunk, collector: Collector | None) -> None:
         layers = {}
         for layer in graph.layers:
+            started = time.perf_counter()
             device = self._home(layer.node)
             tile = layers[layer.name] = device.to_host(self.value(layer.node, device))
             shape = (sampling.height, *tile.shape[1:])
@@ -256,6 +260,7 @@ class Executor:
             spread = self.execution.spread.setdefault(layer.name, np.zeros(shape, np.float32))
             image[rows] += tile
             spread[rows] += tile * tile
+            self.execution.add_time(layer.node, device.name, time.perf_counter() - started, runs=0)
         if collector is not None and chunk.sample == 0:
             device = self._home(graph.surface)
             collector.add(chunk, device.to_host(self.value(graph.surface, device)), layers)

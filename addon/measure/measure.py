@@ -14,6 +14,7 @@ from ..core.graph import Graph, PlannedLayer
 from ..core.outline import Outline
 from ..core.random import hash_bits, text_bits
 from ..core.sampling import footprints
+from ..core.slices import timed
 from ..core.surface import Chunk
 from ..core.view_rays import view_rays
 from .image import WatchedImage, measure_light, measure_mask
@@ -53,17 +54,8 @@ class Measurement:
     ) -> Generator[None, None, LayerError]:
         """One layer's error, after the last tile; yields between slices of work. `casters` (instances,)
         uint8: what can block the light; `image` (height, width[, channels]): the finished layer."""
-        started, waited = time.perf_counter(), 0.0
-        work = self._measuring(layer, rays, casters, image)
-        while True:
-            try:
-                next(work)
-            except StopIteration as end:
-                seconds = self._collecting_seconds + time.perf_counter() - started - waited
-                return replace(end.value, seconds=seconds)
-            paused = time.perf_counter()
-            yield
-            waited += time.perf_counter() - paused
+        error, seconds = yield from timed(self._measuring(layer, rays, casters, image))
+        return replace(error, seconds=self._collecting_seconds + seconds)
 
     def _measuring(self, layer, rays, casters, image) -> Generator[None, None, LayerError]:
         kind, seed = layer.kind, int(hash_bits(self.seed, text_bits(layer.name)))
@@ -116,12 +108,3 @@ def _watched(
         return WatchedImage(layer.name, layer.effect, tuple(attributes), layer.kind.looks)
     light = outline.lights[layer.light_index]
     return WatchedShadow(layer.name, layer.effect, light.emitter, np.array(outline.view.eye), light.receivers)
-
-
-def finished(work: Generator[None, None, LayerError]) -> LayerError:
-    """Runs a measurement to its end."""
-    while True:
-        try:
-            next(work)
-        except StopIteration as end:
-            return end.value

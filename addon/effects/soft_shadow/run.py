@@ -7,7 +7,7 @@ import numpy as np
 from ...core.culling import around, boxes_of, casters_into, lights_region, receivers_in_view
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
-from ...core.outline import Light, Outline
+from ...core.outline import Light, Outline, emitter_measure
 from ...core.random import hash_bits
 from ...core.recorder import Recorder
 from ..shared import steps as shared
@@ -62,16 +62,23 @@ def visibility(
 
 def _unneeded(light: Light, seen: np.ndarray, region: np.ndarray) -> str | None:
     if light.is_dark:
-        return "no power"
+        return "an area light of no size gives no light" if _is_empty_area(light) else "no power"
     if not light.casts_shadow:
         return "its shadow is switched off"
     if not seen.any():
         return "nothing is in view"
+    if light.receivers == frozenset():
+        return "it lights no diffuse surface (ray visibility or light linking)"
     if light.receivers is not None and not any(seen[list(light.receivers)]):
         return "it lights nothing in view (light linking)"
     if not lights_region(light, region):
         return "reaches nothing in view"
     return None
+
+
+def _is_empty_area(light: Light) -> bool:
+    is_area = light.emitter.kind in (EmitterKind.RECTANGLE, EmitterKind.ELLIPSE)
+    return is_area and emitter_measure(light.emitter) == 0.0
 
 
 def _casters(light: Light, outline: Outline, region: np.ndarray, boxes: np.ndarray) -> frozenset[int]:

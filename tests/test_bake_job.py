@@ -1,0 +1,186 @@
+"""A bake's report and its slices, on scenes made without Blender."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from measure_scenes import random_scene
+from strata.addon.bake import Baked, BakeJob, Options, plan_scene
+from strata.addon.core.arrays import Arrays, Cutout, MeshArrays
+from strata.addon.core.emitter import Emitter, EmitterKind
+from strata.addon.core.errors import Cancelled, StrataError
+from strata.addon.core.outline import Bounds, Camera, Instance, Light, Material, Mesh, Outline
+from strata.addon.devices.cpu import CpuDevice
+from strata.addon.effects.shared.look import COARSER, seen_boxes
+from strata.addon.effects.soft_shadow.run import needed
+
+IDENTITY = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
+DOWN = {"right": (1.0, 0.0, 0.0), "up": (0.0, 1.0, 0.0), "forward": (0.0, 0.0, -1.0)}
+
+
+def job_of(outline: Outline, arrays: Arrays, **options) -> BakeJob:
+    options = Options(backend="cpu", **{"samples": 1, "probes": 128, **options})
+    return BakeJob(outline, plan_scene(outline, options), arrays, options)
+
+
+def bake(seed: int = 1, **options) -> Baked:
+    return job_of(*random_scene(seed), **options).result()
+
+
+def scene_of(boxes: list[tuple], lights: list[Light], **more) -> tuple[Outline, Arrays]:
+    """Axis-aligned rectangles (low, high), flat along z, seen from above."""
+    meshes, instances = [], []
+    for index, (low, high) in enumerate(boxes):
+        corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
+        points = np.array([(*corner, low[2]) for corner in corners], np.float32)
+        meshes.append(MeshArrays(points, np.arange(4, dtype=np.int32), np.array([0, 4], np.int32)))
+        instances.append(Instance(f"Box {index}", index, IDENTITY, Bounds(low, high), index, (0,)))
+    headers = tuple(Mesh(each.name, each.name, 4, 2) for each in instances)
+    outline = Outline(
+        "Scene",
+        "Layer",
+        1,
+        (64, 64),
+        Camera("Camera", (0.0, 0.0, 10.0), **DOWN),
+        tuple(lights),
+        tuple(instances),
+        headers,
+        (Material("Grey"),),
+        **more,
+    )
+    return outline, Arrays(tuple(meshes), np.array([IDENTITY] * len(boxes)), (Cutout(),))
+
+
+def lamp(place=(0.0, 0.0, 5.0), side=0.5, power=1.0) -> Light:
+    emitter = Emitter(EmitterKind.RECTANGLE, place, *DOWN.values(), side, side)
+    return Light("Lamp", "Lamp", "AREA", emitter, (power,) * 3)
+
+
+FLOOR = ((-3.0, -3.0, 0.0), (3.0, 3.0, 0.0))
+PLATE = ((-0.5, -0.5, 1.0), (0.5, 0.5, 1.0))
+
+
+@pytest.mark.parametrize("method", ["bitmask", "hybrid"])
+def test_every_second_is_in_the_report_once(method):
+    baked = bake(probes=2048, samples=4, values={"soft_shadow": {"method": method, "resolution": 512}})
+    report = baked.report
+    names = [step.name for step in report.steps]
+    assert names.count("look") == names.count("geometry") == names.count("surface") == 1
+    # Measuring traces rays too; their tree is a step only where the layer itself needs it.
+    assert names.count("ray_accelerator") == (method == "hybrid")
+    (layer,) = report.layers
+    steps = math.fsum(step.seconds for step in report.steps)
+    assert layer.seconds == pytest.approx(steps)
+    assert layer.seconds_alone == pytest.approx(steps)
+    told = steps + layer.error.seconds + report.compile_seconds
+    assert told <= report.seconds
+    assert told >= 0.8 * report.seconds  # the rest: planning, starting, putting the report together
+
+
+def test_what_layers_share_is_no_ones_own():
+    outline, arrays = random_scene(1)
+    lights = (outline.lights[0], replace(outline.lights[0], name="Other"))
+    baked = job_of(replace(outline, lights=lights), arrays).result()
+    shared = {"look", "geometry", "surface"}
+    first, second = baked.report.layers
+    steps = dict.fromkeys(("shared", "own"), 0.0)
+    for step in baked.report.steps:
+        steps["shared" if step.name in shared else "own"] += step.seconds
+    # Two lights that are the same are the same nodes: nothing is either's own.
+    assert first.seconds == second.seconds
+    for layer in (first, second):
+        assert layer.seconds_alone >= layer.seconds + steps["shared"]
+
+
+def test_the_standard_error_of_antialiasing_is_reported():
+    (layer,) = bake(samples=4).layers.report["layers"]
+    assert 0.0 < layer["antialiasing"] < 0.5
+    (layer,) = bake(samples=1).layers.report["layers"]
+    assert "antialiasing" not in layer
+
+
+def test_the_seed_chooses_the_probes():
+    errors = [bake(seed=1, **{"probes": 64}).report.layers[0].error for _ in range(2)]
+    assert errors[0].value == errors[1].value
+    outline, arrays = random_scene(1)
+    other = job_of(outline, arrays, probes=64, seed=7).result()
+    assert other.report.seed == 7
+    assert other.report.layers[0].error.value != errors[0].value
+
+
+def test_looking_and_measuring_come_in_slices():
+    outline, arrays = random_scene(1)
+    job = job_of(replace(outline, frame_size=(1200, 1200)), arrays, probes=2048)
+    stages = []
+    while job._result is None:
+        next(job._work, None)
+        stages.append(job.stage)
+    assert stages.count("Starting") >= 3  # a 300 x 300 look in strips
+    assert stages.count("Measuring") >= 10
+
+
+@pytest.mark.parametrize("stage", ["Starting", "Baking", "Measuring"])
+def test_the_next_slice_after_cancelling_raises(stage):
+    outline, arrays = random_scene(1)
+    job = job_of(replace(outline, frame_size=(1200, 1200)), arrays, probes=2048)
+    next(job._work)
+    while job.stage != stage:
+        next(job._work)
+    job.cancel()
+    with pytest.raises(Cancelled):
+        job.advance()
+    with pytest.raises(Cancelled):  # and for good
+        job.advance()
+
+
+def test_a_bake_whose_every_layer_the_look_empties():
+    """Boxes say that the lamp shines on the floor; the look, that the lid hides both from the camera. What it
+    hides is larger than what is seen: smaller things could be between the look's pixels."""
+    lid, plate = ((-9.0, -9.0, 6.0), (9.0, 9.0, 6.0)), ((-2.5, -2.5, 1.0), (2.5, 2.5, 1.0))
+    outline, arrays = scene_of([FLOOR, plate, lid], [lamp()])
+    job = job_of(outline, arrays, samples=2)
+    assert len(job.graph.layers) == 1
+    baked = job.result()
+    assert baked.layers.layers == ()
+    assert baked.report.layers == ()
+    assert dict(baked.report.left_out)["soft_shadow Lamp"] == "reaches nothing in view"
+
+
+def test_hairs_between_the_looks_pixels_are_kept():
+    """A hair a thousandth of a pixel wide, right between two of the look's columns."""
+    side = 64 // COARSER
+    step = 2.0 * 10.0 * 18.0 / 50.0 / side  # metres of a look's pixel on the floor
+    hair = ((0.0, -0.3, 0.01), (0.001 * step, 0.3, 0.01))
+    outline, arrays = scene_of([FLOOR, hair], [lamp()])
+    device = CpuDevice()
+    device.set_scene(outline, arrays)
+    boxes = seen_boxes(device, device.geometry(), outline, frozenset({0, 1}))
+    assert np.any(np.all(boxes == np.array(hair), axis=(1, 2)))
+    alone = seen_boxes(device, device.geometry(), outline, frozenset({0}))
+    assert len(boxes) == len(alone) + 1
+
+
+@pytest.mark.parametrize("size", [(32_769, 4), (4, 40_000)])
+def test_an_image_too_large_for_the_rasteriser_is_refused_in_one_line(size):
+    outline, _ = random_scene(0)
+    with pytest.raises(StrataError, match=r"at most 32768") as refusal:
+        replace(outline, frame_size=size)
+    assert "\n" not in str(refusal.value)
+
+
+def test_reasons_name_their_cause():
+    def reason(light: Light) -> str:
+        outline, _ = scene_of([FLOOR, PLATE], [light, replace(lamp(), name="Other")])
+        assert needed(outline) is None
+        left_out = plan_scene(outline, Options(backend="cpu")).left_out
+        return next((each.reason for each in left_out if each.what == "soft_shadow Lamp"), "")
+
+    assert reason(lamp()) == ""
+    assert reason(lamp(power=0.0)) == "no power"
+    assert reason(lamp(side=0.0, power=0.0)) == "an area light of no size gives no light"
+    assert "ray visibility" in reason(replace(lamp(), receivers=frozenset()))
+    assert reason(replace(lamp(), receivers=frozenset({1}))) == ""
+    assert reason(replace(lamp(), casts_shadow=False)) == "its shadow is switched off"
