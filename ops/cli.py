@@ -71,7 +71,10 @@ def _effects(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts)
 
 def describe(effect: Effect) -> dict[str, Any]:
     """An effect's declaration as plain values."""
-    layers = [{name: plain(value) for name, value in asdict(kind).items()} for kind in effect.layers]
+    layers = [
+        {name: plain(value) for name, value in asdict(kind).items() if name != "reference"}
+        for kind in effect.layers
+    ]
     params = [
         {
             "name": spec.name,
