@@ -90,19 +90,24 @@ def courtyard():
     return Courtyard()
 
 
-def shadows(courtyard, emitter, method, maps, max_samples=512, refinements=2, bias=(1.0, 1e9), surface=None):
+def shadows(
+    courtyard, emitter, method, maps, max_samples=512, refinements=2, bias=(1.0, 1e9), surface=None, tables=()
+):
     """Visibility and uncertainty by the plain kernel (the thesis's sum has only one) and by the GPU."""
     gpu, surface = gpu_device(), surface or courtyard.surface
     prepared = [kernels.soft_shadow_prepare(depths, view.packed(), *bias) for view, depths in maps]
     points = [surface[name] for name in POINTS[:3]]
     arguments = (*points, np.array(CAMERA.eye), emitter.packed(), prepared, max_samples, refinements)
     twin = "area" if method == "area" else "plain"
-    cpu = kernels.soft_shadow_backproject(*arguments, method=twin, leave_uncertain=method == "hybrid")
+    cpu = kernels.soft_shadow_backproject(
+        *arguments, method=twin, leave_uncertain=method == "hybrid", beside=list(tables)
+    )
     on_gpu = [PREPARE.gpu(gpu, gpu.from_host(depths), view, *bias) for view, depths in maps]
     values = BACKPROJECT.gpu(
         gpu,
         gpu.from_host(surface),
         *on_gpu,
+        *(gpu.from_host(table) for table in tables),
         eye=CAMERA.eye,
         emitter=emitter,
         method=method,
@@ -154,6 +159,17 @@ def nested(courtyard, emitter):
             view,
             LAYERED_DEPTH.cpu(courtyard.cpu, courtyard.geometry, view, courtyard.everything, 4, 128, 128),
         )
+
+
+@pytest.mark.parametrize("light", ["spot", "sphere"])
+def test_tables_of_what_stands_beside_agree(courtyard, light):
+    maps = list(courtyard.depths(LIGHTS[light]))
+    rng = np.random.default_rng(5)
+    tables = [rng.integers(0, 2, (6, 9)).astype(np.uint8) for _ in maps]
+    cpu, gpu = shadows(courtyard, LIGHTS[light], "hybrid", maps, tables=tables)
+    assert_alike(cpu, gpu)
+    without, _ = shadows(courtyard, LIGHTS[light], "hybrid", maps)
+    assert (cpu[1] != without[1]).mean() > 0.02
 
 
 @pytest.mark.parametrize("method", ["bitmask", "hybrid", "area"])

@@ -13,6 +13,7 @@ from ...core.emitter import Emitter, EmitterKind
 from ...core.shader import Shader
 from ...core.view import View
 from .params import Method
+from .views import share_axes
 
 FOLDER = "effects/soft_shadow"
 SAMPLES = 256
@@ -221,7 +222,7 @@ def backproject(
     device.clear(uncertain, 0)
     device.clear(choice, 0)
     views = [prepared["view"] for prepared in prepared_maps]
-    nested = maps > 1 and all(_share_axes(a, b) for a, b in itertools.pairwise(views))
+    nested = maps > 1 and all(share_axes(a, b) for a, b in itertools.pairwise(views))
     settings = max_samples, refinements, float(maps > 1 and not nested)
     leave_uncertain = float(method == Method.HYBRID.value)  # rays will replace it
     outputs = {"visibility": visibility, "uncertain": uncertain}
@@ -259,13 +260,6 @@ def backproject(
         device.release(written[name])
     device.release(choice)
     return outputs
-
-
-def _share_axes(a: View, b: View) -> bool:
-    """Whether window coordinates of the two differ by a shift at most, which only an orthographic eye may
-    make: choose.rs `share_axes`."""
-    turned = (a.right, a.up, a.forward) != (b.right, b.up, b.forward)
-    return not turned and a.orthographic == b.orthographic and (a.orthographic or a.eye == b.eye)
 
 
 def _seen_from(view: View, other: View) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ from ...core.outline import Light, Outline, emitter_measure
 from ...core.random import hash_bits
 from ...core.recorder import Recorder
 from ..shared import steps as shared
-from . import steps
+from . import beside, steps
 from .params import Method, SoftShadowParams
 from .views import light_views
 
@@ -106,6 +106,9 @@ def _record_light(recorder, outline, params, index, casters, seen, receivers, bo
         ("views", light.emitter, casters, receivers.tobytes()),
         lambda: light_views(light.emitter, boxes[sorted(casters)], receivers),
     )
+    close = _close_casters(params, light, casters, boxes)
+    if close and not views:
+        views, left_out = beside.views_of_all(light.emitter, receivers), []
     for what, reason in left_out:
         recorder.left_out(f"soft_shadow {light.name} {what}", reason, light.name)
     if not _has_size(light):
@@ -120,6 +123,7 @@ def _record_light(recorder, outline, params, index, casters, seen, receivers, bo
         steps.BACKPROJECT,
         surface,
         *maps,
+        *_tables(recorder, outline, light, close, views),
         instance=light.name,
         eye=eye,
         emitter=light.emitter,
@@ -163,6 +167,35 @@ def _map(recorder: Recorder, outline: Outline, params: SoftShadowParams, view, c
         gradient_scale=params.gradient_scale,
         gradient_cap_m=params.gradient_cap_m,
     )
+
+
+def _close_casters(params, light: Light, casters: frozenset[int], boxes: np.ndarray) -> frozenset[int]:
+    """Those that may hide a part of the light where its maps do not look, if rays can look there."""
+    if params.method != Method.HYBRID or light.emitter.kind not in (
+        EmitterKind.SPHERE,
+        EmitterKind.FACING_DISK,
+    ):
+        return frozenset()
+    ordered = np.array(sorted(casters))
+    return frozenset(ordered[beside.close_casters(light.emitter, boxes[ordered])].tolist())
+
+
+def _tables(recorder, outline, light: Light, close: frozenset[int], views) -> list[Node]:
+    """Where to doubt each map for what is close to the light; none where nothing is."""
+    if not close:
+        return []
+    emitter = light.emitter
+    size = beside.LOOK_RESOLUTION, beside.LOOK_RESOLUTION
+    looks = [
+        shared.layered_depth(recorder, outline, view, close, 1, size, f"{light.name} close {name}")
+        for name, view in beside.looks_around(emitter)
+    ]
+    return [
+        recorder.step(
+            steps.BESIDE, *looks, instance=f"{light.name} {name}".strip(), emitter=emitter, view=view
+        )
+        for name, view in views
+    ]
 
 
 def _has_size(light: Light) -> bool:

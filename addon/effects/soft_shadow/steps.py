@@ -6,7 +6,7 @@ import numpy as np
 
 from ...core.graph import Step
 from ...core.random import hash_bits
-from . import gpu_steps
+from . import beside, gpu_steps
 from .params import Method
 
 
@@ -33,6 +33,10 @@ def _backproject(device, surface, *maps_and_tables, eye, emitter, method, max_sa
         cancel=device.cancel_flag,
     )
     return {"visibility": visibility, "uncertain": uncertain}
+
+
+def _beside(device, *looks, emitter, view):
+    return beside.table(looks, emitter, view)
 
 
 def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, seed, chunk):
@@ -72,6 +76,8 @@ def _receivers(device, surface, visibility, receivers):
 PREPARE = Step("soft_shadow/prepare", cpu=_prepare, gpu=gpu_steps.prepare, copyable=False)
 # Texels projected back onto the light from every shading point (thesis eq. 5.3).
 BACKPROJECT = Step("soft_shadow/backproject", cpu=_backproject, gpu=gpu_steps.backproject)
+# Where in a map's window to doubt it for what stands beside the window, close to the light.
+BESIDE = Step("soft_shadow/beside", cpu=_beside, hole="a table of a thousand entries")
 # Rays for the points that the map is unsure of.
 RAYS = Step("soft_shadow/rays", cpu=_rays, hole="rays live on the CPU only", told_chunk=True)
 VISIBILITY = Step("soft_shadow/visibility", cpu=_visibility, gpu=gpu_steps.visibility)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.culling import corners_of
 from ...core.emitter import Emitter, EmitterKind
-from ...core.view import View
+from ...core.view import Vector, View
 
 WIDEST_SINGLE_TANGENT = 2.5
 """A window up to this slope gets one map; a wider one is nested, each window this much smaller."""
@@ -142,19 +142,33 @@ def _cube_views(
     emitter: Emitter, casters: np.ndarray, receivers: np.ndarray
 ) -> tuple[list[NamedView], list[LeftOut]]:
     views, left_out = [], []
+    for name, axes in cube_axes():
+        found, reason = _window(emitter, axes, casters, receivers, FACE_TANGENT)
+        if found is None:
+            left_out.append((f"face {name}", reason))
+        else:
+            window, near, far = found
+            views.append((name, View(emitter.centre, *axes, window, near, far)))
+    return views, left_out
+
+
+def cube_axes() -> list[tuple[str, tuple[Vector, Vector, Vector]]]:
+    """Name, and right, up, forward in the world, of each face of a cube."""
+    faces = []
     unit = np.eye(3)
     for axis in range(3):
         for sign, letter in ((1.0, "+"), (-1.0, "-")):
-            name = letter + "XYZ"[axis]
             right, up, forward = -sign * unit[(axis + 1) % 3], unit[(axis + 2) % 3], sign * unit[axis]
             axes = tuple(tuple(float(c) for c in vector) for vector in (right, up, forward))
-            found, reason = _window(emitter, axes, casters, receivers, FACE_TANGENT)
-            if found is None:
-                left_out.append((f"face {name}", reason))
-            else:
-                window, near, far = found
-                views.append((name, View(emitter.centre, *axes, window, near, far)))
-    return views, left_out
+            faces.append((letter + "XYZ"[axis], axes))
+    return faces
+
+
+def share_axes(a: View, b: View) -> bool:
+    """Whether window coordinates of the two differ by a shift at most, which only an orthographic eye may
+    make: such views are nested windows of one light, others are faces of a cube (choose.rs)."""
+    turned = (a.right, a.up, a.forward) != (b.right, b.up, b.forward)
+    return not turned and a.orthographic == b.orthographic and (a.orthographic or a.eye == b.eye)
 
 
 def _window(emitter: Emitter, axes, casters: np.ndarray, receivers: np.ndarray, widest: float):
