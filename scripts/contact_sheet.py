@@ -20,7 +20,7 @@ AMBIENT = 0.07  # share of the unshadowed light that still reaches a shadow: sta
 
 
 @cache
-def _font(size: int, weight: str = "Regular") -> ImageFont.FreeTypeFont:
+def label_font(size: int, weight: str = "Regular") -> ImageFont.FreeTypeFont:
     """Blender's own interface font: it knows every script that a light's name may be written in."""
     folder = Path(find_spec("bpy").origin).parent
     font = ImageFont.truetype(next(folder.glob("*/datafiles/fonts/Inter.woff2")), size)
@@ -87,15 +87,15 @@ def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[int, np.
     sheet = Image.new("RGB", (WIDTH, notes_top + 30 * len(notes) + MARGIN), BACKGROUND)
     draw = ImageDraw.Draw(sheet)
 
-    draw.text((MARGIN, 34), "Strata", TEXT, _font(44, "SemiBold"))
-    draw.text((MARGIN, 92), _subtitle(layer_set), QUIET, _font(20))
+    draw.text((MARGIN, 34), "Strata", TEXT, label_font(44, "SemiBold"))
+    draw.text((MARGIN, 92), _subtitle(layer_set), QUIET, label_font(20))
     sheet.paste(hero.resize(hero_size, Image.Resampling.LANCZOS), (MARGIN, 132))
     for index, layer in enumerate(layer_set.layers):
         x = MARGIN + (index % columns) * (tile_width + GAP)
         y = grid_top + (index // columns) * (tile_size[1] + caption + GAP)
         _draw_tile(sheet, draw, layer, (x, y), tile_size, caption)
     for index, note in enumerate(notes):
-        draw.text((MARGIN, notes_top + 30 * index), note, QUIET, _font(17))
+        draw.text((MARGIN, notes_top + 30 * index), note, QUIET, label_font(17))
     sheet.save(path)
 
 
@@ -103,12 +103,12 @@ def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int) -> None:
     (x, y), (width, height) = corner, size
     draw.rectangle((x, y, x + width - 1, y + height + caption - 1), PANEL)
     sheet.paste(as_picture(layer).resize(size, Image.Resampling.LANCZOS), corner)
-    title = _font(22, "Medium")
+    title = label_font(22, "Medium")
     draw.text((x + 16, y + height + 12), _fitted(draw, layer.name, title, width - 130), TEXT, title)
     seconds = f"{layer.seconds:.2f} s"
-    draw.text((x + width - 16, y + height + 13), seconds, ACCENT, _font(20), anchor="ra")
+    draw.text((x + width - 16, y + height + 13), seconds, ACCENT, label_font(20), anchor="ra")
     for line, text in enumerate(error_lines(layer.error)):
-        draw.text((x + 16, y + height + 44 + 22 * line), text, ACCENT if not line else QUIET, _font(16))
+        draw.text((x + 16, y + height + 44 + 22 * line), text, ACCENT if not line else QUIET, label_font(16))
 
 
 def error_lines(error: dict) -> tuple[str, str]:
