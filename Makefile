@@ -5,6 +5,10 @@ PYTHON := $(VENV)/bin/python
 FIND_PYTHON := for p in python3.13 $$(ls -d $${PYENV_ROOT:-$$HOME/.pyenv}/versions/3.13*/bin/python3.13 2>/dev/null | sort -V -r); do \
 	"$$p" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 13))' 2>/dev/null && { echo "$$p"; exit 0; }; done; exit 1
 
+# Panics name source files: of this repository, of cargo's crates and of Rust, not of whoever built them.
+export RUSTFLAGS := $(RUSTFLAGS) --remap-path-prefix=$(CURDIR)=strata --remap-path-prefix=$(or $(CARGO_HOME),$(HOME)/.cargo)=cargo \
+	--remap-path-prefix=$(or $(RUSTUP_HOME),$(HOME)/.rustup)=rustup
+
 .PHONY: setup demo test lint bench docs extension clean
 
 setup: $(VENV)/.kernels

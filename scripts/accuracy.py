@@ -7,12 +7,11 @@ python scripts/accuracy.py --quick      tiny settings, printed and not written: 
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections.abc import Iterable
 
 from benchmark.document import ROOT, rmse, table, write_block
 from benchmark.scenes import open_sample
+from benchmark.sections import read_sections
 
 sys.path.append(str(ROOT / "tests"))  # the closed forms live with the tests
 
@@ -112,22 +111,12 @@ SECTIONS = {"courtyard": courtyard, "plates": closed_forms, "fringes": fringes, 
 
 def main() -> None:
     """Reads the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "sections", nargs="*", metavar="section", help=f"of {', '.join(SECTIONS)}; all if none"
-    )
-    parser.add_argument("--quick", action="store_true", help="tiny settings, nothing written")
-    arguments = parser.parse_args()
-    sections: Iterable[str] = arguments.sections or SECTIONS
-    if unknown := set(sections) - set(SECTIONS):
-        parser.error(f"no such section: {', '.join(sorted(unknown))}")
+    sections, quick = read_sections(__doc__, SECTIONS)
     texts = []
     for name in sections:
-        texts.append(SECTIONS[name](arguments.quick))
+        texts.append(SECTIONS[name](quick))
         print(f"\n{texts[-1]}", flush=True)
-    if not arguments.quick and not arguments.sections:
+    if not quick and sections == list(SECTIONS):
         write_block(DOCUMENT, "figures", "\n\n".join(texts))
 
 

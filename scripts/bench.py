@@ -7,13 +7,13 @@ python scripts/bench.py --quick      tiny settings, printed and not written: whe
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from pathlib import Path
 
 from benchmark import goals, idle, machine, passes, race, scenes
 from benchmark.document import ROOT, milliseconds, significant, write_block
 from benchmark.methods import Effect, Rays, surface_of
+from benchmark.sections import read_sections
 
 DOCUMENT = ROOT / "docs" / "performance.md"
 
@@ -62,24 +62,12 @@ SECTIONS = {"race": run_race, "passes": run_passes, "goals": run_goals, "idle": 
 
 def main() -> None:
     """Reads the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "sections", nargs="*", metavar="section", help=f"of {', '.join(SECTIONS)}; all if none"
-    )
-    parser.add_argument("--quick", action="store_true", help="tiny settings, nothing written")
-    arguments = parser.parse_args()
-    sections = arguments.sections or SECTIONS
-    if unknown := set(sections) - set(SECTIONS):
-        parser.error(f"no such section: {', '.join(sorted(unknown))}")
+    sections, quick = read_sections(__doc__, SECTIONS)
     with tempfile.TemporaryDirectory() as folder:
         for name in ("machine", *sections):
-            text = (
-                SECTIONS[name](Path(folder), arguments.quick) if name in SECTIONS else machine.description()
-            )
+            text = SECTIONS[name](Path(folder), quick) if name in SECTIONS else machine.description()
             print(f"\n## {name}\n\n{text}", flush=True)
-            if not arguments.quick:
+            if not quick:
                 write_block(DOCUMENT, name, text)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 import subprocess
@@ -59,6 +60,16 @@ def test_zip_holds_what_belongs_and_nothing_else(archive):
     ours = subprocess.run(listing, cwd=ROOT, capture_output=True, text=True).stdout.split()
     if ours:  # a source archive has no repository
         assert names - wheels <= set(ours), "the zip holds a file that the repository ignores"
+
+
+def test_kernels_name_no_folder_of_whoever_built_them(archive):
+    """The Makefile maps them away; a kernel built without it would show here."""
+    with zipfile.ZipFile(archive) as opened:
+        (name,) = (name for name in opened.namelist() if name.endswith(".whl"))
+        with zipfile.ZipFile(io.BytesIO(opened.read(name))) as wheel:
+            (library,) = (wheel.read(name) for name in wheel.namelist() if name.endswith(".so"))
+    for folder in (ROOT, Path.home()):
+        assert f"{folder}/".encode() not in library, folder
 
 
 def test_installs_bakes_and_leaves_nothing(archive, bare_python, tmp_path):

@@ -147,7 +147,7 @@ MAKERS = {
 
 @pytest.mark.parametrize("maker", MAKERS.values(), ids=MAKERS)
 def test_interval_holds_the_truth(maker):
-    """Nominally 95%; 90% is what the design asks for. 200 runs at 95% are below 90% with probability 0.1%."""
+    """Nominally 95%; 90% is asked for. 200 runs at 95% are below 90% with probability 0.1%."""
     pixels, probes, runs = 40_000, 256, 200
     rng = np.random.default_rng(5)
     held = 0

@@ -1,4 +1,4 @@
-"""The report: JSON as the design has it, and a table that fits a terminal."""
+"""The report: JSON with the documented keys, and a table that fits a terminal."""
 
 import json
 import os

@@ -11,6 +11,7 @@ import OpenEXR
 import pytest
 from strata.addon.core.errors import StrataError
 from strata.addon.core.outline import Camera, Outline
+from strata.addon.core.sampling import jitters
 from strata.addon.core.view import View
 from strata.addon.scene.cameras import camera_of, viewport_camera
 from strata.addon.scene.render_depsgraph import with_render_depsgraph
@@ -149,6 +150,10 @@ def test_size_region_and_filter(scene):
     assert _outline(scene).pixel_filter.radius == 0.5
     render.engine, render.filter_size = "BLENDER_EEVEE", 1.25
     assert _outline(scene).pixel_filter.radius == 1.25
+    render.filter_size = 500.0
+    assert _outline(scene).pixel_filter.radius == 64.0
+    render.filter_size = 0.0
+    assert (jitters(_outline(scene).pixel_filter, 8) == 0.0).all()
 
 
 def test_a_camera_by_name_and_one_by_marker(scene):
@@ -177,9 +182,8 @@ def test_a_camera_by_name_and_one_by_marker(scene):
     assert scene.camera.name == "Camera"
 
 
-def test_bounds_and_shapes_of_the_header():
+def test_shapes_of_the_header():
     outline = Outline("s", "v", 1, (4, 2), Camera("c", (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, -1)))
-    assert outline.bounds is None
     assert outline.triangles == 0
     with pytest.raises(StrataError, match="no pixels"):
         Outline("s", "v", 1, (0, 2), outline.camera)

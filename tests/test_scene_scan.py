@@ -1,4 +1,4 @@
-"""What a scan finds: the scene as F12 sees it, instances, visibility, linking and bad parts."""
+"""What a scan finds: the scene as F12 sees it, instances, visibility and bad parts."""
 
 from __future__ import annotations
 
@@ -7,32 +7,16 @@ import math
 import bpy
 import mathutils
 import numpy as np
-import OpenEXR
 import pytest
+from scan_scenes import empty_scene, read
 from strata.addon.core.errors import StrataError
-from strata.addon.scene.extract import extract
 from strata.addon.scene.render_depsgraph import engine_of, with_render_depsgraph
 from strata.addon.scene.scan import scan
 
 
 @pytest.fixture
 def scene():
-    """Empty but for a camera."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(scene.camera)
-    return scene
-
-
-def read(scene, layer=0):
-    """Outline and arrays."""
-
-    def look(depsgraph):
-        scanned = scan(depsgraph)
-        return scanned.outline, extract(scanned)
-
-    return with_render_depsgraph(scene, scene.view_layers[layer], look)
+    return empty_scene()
 
 
 def cube(name, collection=None, location=(0.0, 0.0, 0.0)):
@@ -217,22 +201,19 @@ def test_visibility(scene):
     layer["Held"].holdout = True
     layer["Indirect"].indirect_only = True
     cube("Holdout").is_holdout = True
-    cube("Catcher").is_shadow_catcher = True
+    cube("Catcher").is_shadow_catcher = True  # a surface like any other
     cube("No camera").visible_camera = False
     cube("No shadow").visible_shadow = False
     outline, _ = read(scene)
-    flags = {
-        i.name: (i.visible_camera, i.casts_shadow, i.is_holdout, i.is_shadow_catcher)
-        for i in outline.instances
-    }
+    flags = {i.name: (i.visible_camera, i.casts_shadow, i.is_holdout) for i in outline.instances}
     assert flags == {
-        "Plain": (True, True, False, False),
-        "In held": (True, True, True, False),
-        "In indirect": (False, True, False, False),
-        "Holdout": (True, True, True, False),
-        "Catcher": (True, True, False, True),
-        "No camera": (False, True, False, False),
-        "No shadow": (True, False, False, False),
+        "Plain": (True, True, False),
+        "In held": (True, True, True),
+        "In indirect": (False, True, False),
+        "Holdout": (True, True, True),
+        "Catcher": (True, True, False),
+        "No camera": (False, True, False),
+        "No shadow": (True, False, False),
     }
 
 
@@ -246,79 +227,6 @@ def test_an_instancer_hides_its_instances(scene):
     scene.collection.objects.link(empty)
     (instance,) = read(scene)[0].instances
     assert (instance.visible_camera, instance.casts_shadow) == (False, False)
-
-
-def _link_state(collection, linked, state):
-    links = (
-        collection.collection_objects
-        if isinstance(linked, bpy.types.Object)
-        else collection.collection_children
-    )
-    things = collection.objects if isinstance(linked, bpy.types.Object) else collection.children
-    things.link(linked)
-    links[list(things).index(linked)].light_linking.link_state = state
-
-
-@pytest.mark.parametrize(
-    "states",
-    [
-        {},
-        {"A": "INCLUDE"},
-        {"A": "EXCLUDE"},
-        {"A": "INCLUDE", "B": "EXCLUDE"},
-        {"child of A, B": "INCLUDE"},
-        {"child of A, B": "EXCLUDE"},
-        {"child of A, B": "INCLUDE", "A": "EXCLUDE"},
-        {"child of A, B": "EXCLUDE", "A": "INCLUDE"},
-    ],
-    ids=str,
-)
-@pytest.mark.parametrize("use", ["receiver", "blocker"])
-def test_linking_is_that_of_cycles(scene, tmp_path, states, use):
-    """Three floors, each under a ceiling: with Cycles a linked floor is lit, a linked ceiling darkens."""
-    floors, ceilings = [], []
-    for index, name in enumerate("ABC"):
-        for z, made in ((0.0, floors), (1.0, ceilings)):
-            bpy.ops.mesh.primitive_plane_add(size=0.9, location=(index - 1.0, 0.0, z))
-            bpy.context.object.name = f"{name}{z:g}"
-            made.append(bpy.context.object)
-    sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
-    sun.data.energy, sun.data.angle = 3.0, 0.0
-    scene.collection.objects.link(sun)
-    linked = floors if use == "receiver" else ceilings
-    for ceiling in ceilings:
-        ceiling.visible_camera = False
-        ceiling.hide_render = use == "receiver"
-    collection = bpy.data.collections.new("Linked")
-    for name, state in states.items():
-        if name.startswith("child"):
-            child = bpy.data.collections.new("Child")
-            for thing in linked[:2]:
-                child.objects.link(thing)
-            _link_state(collection, child, state)
-        else:
-            _link_state(collection, linked["ABC".index(name)], state)
-    setattr(sun.light_linking, f"{use}_collection", collection)
-    outline, _ = read(scene)
-    (light,) = outline.lights
-    found = light.receivers if use == "receiver" else light.casters
-    ours = [outline.instances[i].name[0] for i in sorted(found)]
-    if use == "blocker":
-        ours = [i.name[0] for k, i in enumerate(outline.instances) if k in found and i.name.endswith("1")]
-
-    camera = scene.camera
-    camera.location, camera.data.type, camera.data.ortho_scale = (0.0, 0.0, 9.0), "ORTHO", 3.0
-    scene.render.engine, scene.cycles.samples = "CYCLES", 4
-    scene.render.resolution_x, scene.render.resolution_y = 9, 3
-    scene.render.image_settings.file_format = "OPEN_EXR"
-    scene.render.image_settings.color_mode = "RGB"
-    scene.render.filepath = str(tmp_path / "linked.exr")
-    bpy.ops.render.render(write_still=True)
-    with OpenEXR.File(scene.render.filepath) as file:
-        row = np.array(file.channels()["RGB"].pixels)[1, 1::3, 0]
-    lit = row > 0.5  # a lit floor gives 3/pi, and the pixel filter reaches over
-    theirs = [name for name, is_lit in zip("ABC", lit, strict=True) if is_lit == (use == "receiver")]
-    assert ours == theirs
 
 
 def test_lights_that_do_nothing(scene):
@@ -409,5 +317,5 @@ def test_far_away(scene):
 
 def test_an_empty_scene(scene):
     outline, arrays = read(scene)
-    assert (outline.instances, outline.lights, outline.bounds) == ((), (), None)
+    assert (outline.instances, outline.lights) == ((), ())
     assert arrays.matrices.shape == (0, 4, 4)

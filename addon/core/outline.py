@@ -43,16 +43,6 @@ class Bounds:
         return np.array([(x, y, z) for x in xs for y in ys for z in zs], np.float64)
 
 
-def joined(bounds) -> Bounds | None:
-    """The box around an iterable of boxes; None if there is none."""
-    bounds = list(bounds)
-    if not bounds:
-        return None
-    lows = zip(*(box.low for box in bounds), strict=True)
-    highs = zip(*(box.high for box in bounds), strict=True)
-    return Bounds(tuple(map(min, lows)), tuple(map(max, highs)))
-
-
 @dataclass(frozen=True)
 class Camera:
     """Blender's camera, before it is fitted to an image.
@@ -96,7 +86,8 @@ class Camera:
 
 @dataclass(frozen=True)
 class PixelFilter:
-    """The render's own: `kind` is 'BOX', 'GAUSSIAN' or 'BLACKMAN_HARRIS', which ends `radius` pixels away."""
+    """The render's own: `kind` is 'BOX', 'GAUSSIAN' or 'BLACKMAN_HARRIS', which ends `radius` pixels away; 0:
+    nothing is filtered."""
 
     kind: str = "BLACKMAN_HARRIS"
     radius: float = 1.5
@@ -112,7 +103,7 @@ class Light:
     - irradiance = intensity / measure · ∫ relative radiance · cos⁺ · G dA, with measure = `emitter_measure`
     - `radiance` = intensity / measure
 
-    with G, and cos at the surface, as in design "Soft shadow". A FACING_DISK's measure is its area, and a
+    with G, and cos at the surface, as in docs/accuracy.md. A FACING_DISK's measure is its area, and a
     SPHERE's that of its disk, while its integral is over the sphere. For a DISTANT_DISK G dA is solid angle.
     A diffuse surface sends back albedo / π · irradiance.
 
@@ -191,10 +182,6 @@ class Material:
     def clips_by_texture(self) -> bool:
         return self.is_cutout and self.alpha_image is not None
 
-    @property
-    def samples_texture(self) -> bool:
-        return self.base_color_image is not None or self.clips_by_texture
-
 
 @dataclass(frozen=True)
 class Mesh:
@@ -220,7 +207,6 @@ class Instance:
     visible_camera: bool = True
     casts_shadow: bool = True
     is_holdout: bool = False
-    is_shadow_catcher: bool = False
 
 
 class Instances(tuple[Instance, ...]):
@@ -333,11 +319,6 @@ class Outline:
         frame = np.zeros((self.size[1], self.size[0], *image.shape[2:]), image.dtype)
         frame[y0:y1, x0:x1] = image
         return frame
-
-    @property
-    def bounds(self) -> Bounds | None:
-        """Around everything; None for an empty scene."""
-        return joined(instance.bounds for instance in self.instances)
 
     @property
     def triangles(self) -> int:

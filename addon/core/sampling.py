@@ -59,6 +59,8 @@ def footprints(pixel_filter: PixelFilter, pixels: int, samples: int, seed: int) 
 
 def _quantiles(pixel_filter: PixelFilter, uniform: np.ndarray) -> np.ndarray:
     """Offsets along each axis that the shares `uniform` of the filter lie below."""
+    if pixel_filter.radius == 0.0:
+        return np.zeros_like(uniform)
     edges = np.linspace(-pixel_filter.radius, pixel_filter.radius, TABLE_LENGTH + 1)
     weights = filter_weight(pixel_filter, 0.5 * (edges[1:] + edges[:-1]))
     distribution = np.concatenate([[0.0], np.cumsum(weights)])

@@ -9,6 +9,8 @@ from ..core.errors import StrataError
 from ..core.outline import Camera, PixelFilter
 from .transforms import are_usable, as_vector, matrix_of
 
+LARGEST_RADIUS = 64.0  # pixels of a filter (MAX_JITTER in kernels/src/raster/camera.rs)
+
 
 def camera_of(evaluated: bpy.types.Object) -> Camera:
     """Raises StrataError for what is no camera, a panoramic one, or one without a direction."""
@@ -120,7 +122,8 @@ def pixel_filter_of(scene: bpy.types.Scene, engine: str) -> PixelFilter:
 
     Cycles stretches a Gaussian three-fold and a Blackman-Harris two-fold over its Filter Width
     (`filter_table` in its film.cpp); a box is a pixel wide whatever the setting. EEVEE's is a
-    Blackman-Harris of that radius.
+    Blackman-Harris of that radius, none at 0, which it cuts off at 100 pixels (`Film::init`); the rasteriser
+    moves points by 64 at most.
     """
     if engine == "CYCLES" and hasattr(scene, "cycles"):
         kind = scene.cycles.pixel_filter_type
@@ -128,4 +131,4 @@ def pixel_filter_of(scene: bpy.types.Scene, engine: str) -> PixelFilter:
             return PixelFilter(kind, 0.5)
         stretch = {"GAUSSIAN": 1.5, "BLACKMAN_HARRIS": 1.0}[kind]
         return PixelFilter(kind, stretch * scene.cycles.filter_width)
-    return PixelFilter("BLACKMAN_HARRIS", float(scene.render.filter_size))
+    return PixelFilter("BLACKMAN_HARRIS", min(max(float(scene.render.filter_size), 0.0), LARGEST_RADIUS))

@@ -174,7 +174,6 @@ class _Scanner:
             "visible_camera": shown.visible_camera and owner.visible_camera and not indirect_only,
             "casts_shadow": shown.visible_shadow and owner.visible_shadow,
             "is_holdout": shown.is_holdout or owner.holdout_get(view_layer=view_layer),
-            "is_shadow_catcher": shown.is_shadow_catcher or owner.is_shadow_catcher,
         }
 
     def _mesh_index(self, shown: bpy.types.Object, mesh: bpy.types.Mesh) -> int:

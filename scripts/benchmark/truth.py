@@ -1,4 +1,4 @@
-"""The reference of the race, and the error against it: design's weighted RMSE at random lit pixels."""
+"""The reference of the race, and the error against it: weighted RMSE at random lit pixels."""
 
 from __future__ import annotations
 

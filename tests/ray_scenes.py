@@ -1,0 +1,29 @@
+"""Triangles for tests of rays."""
+
+import numpy as np
+import strata_kernels as kernels
+
+
+def add_triangles(geometry, triangles, matrix=None, **material):
+    """Adds (T, 3, 3) triangles as a mesh of their own; returns the instance's index."""
+    triangles = np.ascontiguousarray(triangles, np.float32)
+    count = len(triangles)
+    mesh = geometry.add_mesh(
+        triangles.reshape(-1, 3),
+        np.arange(3 * count, dtype=np.int32),
+        np.arange(0, 3 * count + 1, 3, dtype=np.int32),
+        corner_uvs=material.pop("uvs", None),
+    )
+    slot = geometry.add_material(**material)
+    return geometry.add_instance(mesh, np.eye(4) if matrix is None else matrix, 0, [slot])
+
+
+def accel_of(triangles, origin=(0.0, 0.0, 0.0)):
+    geometry = kernels.Geometry()
+    add_triangles(geometry, triangles)
+    return kernels.Accel(geometry, np.array(origin, np.float64))
+
+
+def quad(corners):
+    corners = np.asarray(corners, np.float64)
+    return corners[[[0, 1, 2], [0, 2, 3]]]
