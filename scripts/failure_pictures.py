@@ -1,6 +1,6 @@
 """Where the methods of soft shadows fail, beside the truth by rays: docs/images/failure_*.png.
 
-Each picture is the layer V itself, 1 is white, at pixel centres; the figure is the weighted RMSE of the whole frame.
+Each picture is the layer V itself, 1 is white, at pixel centres; the figure is the frame's weighted RMSE.
 """
 
 from __future__ import annotations

@@ -1,8 +1,10 @@
 //! A light reduced to what shadows need. Twin of `addon/core/emitter.py`.
 
+mod python;
 mod sample;
 
-pub use sample::{Samples, SeenEmitter, register};
+pub use python::register;
+pub use sample::{Samples, SeenEmitter};
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

@@ -59,6 +59,52 @@ impl<const NEAREST: bool> Work for Rays<'_, NEAREST> {
     }
 }
 
+/// What `occluded` and `nearest` are asked, checked.
+struct Batch<'a> {
+    scene: &'a Scene,
+    casters: &'a [u8],
+    origins: &'a [[f32; 3]],
+    directions: &'a [[f32; 3]],
+    t_max: &'a [f32],
+}
+
+impl<'a> Batch<'a> {
+    fn new(
+        scene: &'a Scene,
+        casters: &'a Option<PyReadonlyArray1<'_, u8>>,
+        origins: &'a PyReadonlyArray2<'_, f32>,
+        directions: &'a PyReadonlyArray2<'_, f32>,
+        t_max: &'a PyReadonlyArray1<'_, f32>,
+    ) -> PyResult<Self> {
+        let t_max = t_max.as_slice()?;
+        Ok(Batch {
+            scene,
+            casters: bytes(casters, scene.data.instances.len())?,
+            origins: triples(origins, t_max.len(), "origins")?,
+            directions: triples(directions, t_max.len(), "directions")?,
+            t_max,
+        })
+    }
+
+    /// `length` rays of a chunk.
+    fn chunk<'b, const NEAREST: bool>(
+        &'b self,
+        chunk: usize,
+        length: usize,
+        done: &'b mut dyn FnMut(usize, &Packet, &Nearest),
+    ) -> Rays<'b, NEAREST> {
+        let range = chunk * CHUNK..chunk * CHUNK + length;
+        Rays {
+            scene: self.scene,
+            casters: self.casters,
+            origins: &self.origins[range.clone()],
+            directions: &self.directions[range.clone()],
+            t_max: &self.t_max[range],
+            done,
+        }
+    }
+}
+
 #[pymethods]
 impl Accel {
     /// Builds the tree. `origin` (3,) f64: the point in the world that rays are relative to, best the camera's
@@ -110,27 +156,18 @@ impl Accel {
         cancel: Flag<'py>,
     ) -> PyResult<Bound<'py, PyArray1<bool>>> {
         let scene = &self.scene;
-        let t_max = t_max.as_slice()?;
-        let casters = bytes(&casters, scene.data.instances.len())?;
-        let origins = triples(&origins, t_max.len(), "origins")?;
-        let directions = triples(&directions, t_max.len(), "directions")?;
+        let batch = Batch::new(scene, &casters, &origins, &directions, &t_max)?;
         let cancel = cancel.map(|c| c.clone());
         let result = py.detach(|| {
-            let mut result = vec![false; t_max.len()];
+            let mut result = vec![false; batch.t_max.len()];
             in_parallel(result.par_chunks_mut(CHUNK), &cancel, |chunk, result| {
-                let range = chunk * CHUNK..chunk * CHUNK + result.len();
-                dispatch(Rays::<false> {
-                    scene,
-                    casters,
-                    origins: &origins[range.clone()],
-                    directions: &directions[range.clone()],
-                    t_max: &t_max[range],
-                    done: &mut |first, packet, _| {
-                        for (lane, result) in result[first..].iter_mut().take(LANES).enumerate() {
-                            *result = packet.hit >> lane & 1 != 0;
-                        }
-                    },
-                });
+                let length = result.len();
+                let done = &mut |first: usize, packet: &Packet, _: &Nearest| {
+                    for (lane, result) in result[first..].iter_mut().take(LANES).enumerate() {
+                        *result = packet.hit >> lane & 1 != 0;
+                    }
+                };
+                dispatch(batch.chunk::<false>(chunk, length, done));
             })?;
             PyResult::Ok(result)
         })?;
@@ -150,30 +187,21 @@ impl Accel {
         cancel: Flag<'py>,
     ) -> PyResult<(Floats<'py>, Integers<'py>, Integers<'py>)> {
         let scene = &self.scene;
-        let t_max = t_max.as_slice()?;
-        let casters = bytes(&casters, scene.data.instances.len())?;
-        let origins = triples(&origins, t_max.len(), "origins")?;
-        let directions = triples(&directions, t_max.len(), "directions")?;
+        let batch = Batch::new(scene, &casters, &origins, &directions, &t_max)?;
         let cancel = cancel.map(|c| c.clone());
         let hits = py.detach(|| {
-            let mut hits = vec![(f32::INFINITY, -1, -1); t_max.len()];
+            let mut hits = vec![(f32::INFINITY, -1, -1); batch.t_max.len()];
             in_parallel(hits.par_chunks_mut(CHUNK), &cancel, |chunk, hits| {
-                let range = chunk * CHUNK..chunk * CHUNK + hits.len();
-                dispatch(Rays::<true> {
-                    scene,
-                    casters,
-                    origins: &origins[range.clone()],
-                    directions: &directions[range.clone()],
-                    t_max: &t_max[range],
-                    done: &mut |first, packet, nearest| {
-                        for (lane, hit) in hits[first..].iter_mut().take(LANES).enumerate() {
-                            if nearest.instance[lane] != u32::MAX {
-                                let ids = (nearest.instance[lane] as i32, nearest.triangle[lane] as i32);
-                                *hit = (packet.t_max[lane], ids.0, ids.1);
-                            }
+                let length = hits.len();
+                let done = &mut |first: usize, packet: &Packet, nearest: &Nearest| {
+                    for (lane, hit) in hits[first..].iter_mut().take(LANES).enumerate() {
+                        if nearest.instance[lane] != u32::MAX {
+                            let ids = (nearest.instance[lane] as i32, nearest.triangle[lane] as i32);
+                            *hit = (packet.t_max[lane], ids.0, ids.1);
                         }
-                    },
-                });
+                    }
+                };
+                dispatch(batch.chunk::<true>(chunk, length, done));
             })?;
             PyResult::Ok(hits)
         })?;
