@@ -217,8 +217,7 @@ class BakeJob:
     def _finished(self, execution: Execution, errors: dict[str, LayerError], seconds: float) -> Baked:
         outline = self.outline
         own = _own_nodes(self.graph)
-        chosen = self.options.chosen()
-        settings = {effect.id: params.as_dict() for effect, params in chosen.items()}
+        chosen = {effect.id: params for effect, params in self.options.chosen().items()}
         layers, costs = [], {}
         for layer in (layer for layer in self.graph.layers if layer.effect):
             # Any layer needs the look; it is a layer's own where there is no other.
@@ -228,6 +227,9 @@ class BakeJob:
                 self._look_seconds + execution.seconds(self.graph.nodes([layer.node])),
             )
             error = errors[layer.name].to_json() if layer.name in errors else {}
+            params = chosen[layer.effect]
+            if layer.light_index is not None:
+                params = outline.lights[layer.light_index].params_for(layer.effect, params)
             layers.append(
                 Layer(
                     layer.name,
@@ -238,7 +240,7 @@ class BakeJob:
                     layer.light_index,
                     costs[layer.name][0],
                     error,
-                    settings[layer.effect],
+                    params.as_dict(),
                 )
             )
         steps = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Any
 
 from .params import Params
 from .shader import Shader
@@ -76,7 +77,7 @@ class Effect:
     """`id` is the folder's name. `run(recorder, outline, params)` records steps; `needed(outline)` gives the
     reason why the scene does not need the effect, or None; `sources` records, by name, what other effects may
     build on: each as `record(recorder, outline, params, light_index)`; `shaders()` yields every GPU program
-    that its steps may compile."""
+    that its steps may compile; `presets` are values by name, over the defaults."""
 
     id: str
     title: str
@@ -88,3 +89,4 @@ class Effect:
     source: str
     sources: dict[str, Callable] = field(default_factory=dict, hash=False, compare=False)
     shaders: Callable[[], Iterable[Shader]] = no_shaders
+    presets: dict[str, dict[str, Any]] = field(default_factory=dict, hash=False, compare=False)

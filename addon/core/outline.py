@@ -10,11 +10,13 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from .emitter import Emitter, EmitterKind
 from .errors import StrataError
+from .params import Params
 from .view import Vector, View
 
 Colour = tuple[float, float, float]
@@ -108,7 +110,8 @@ class Light:
     A diffuse surface sends back albedo / π · irradiance.
 
     `receivers` are the instances that the light lights, `casters` those that can block it (light and
-    shadow linking); None: all.
+    shadow linking); None: all. `own` are values that go over the scene's for this light: effect's id,
+    parameter and value.
     """
 
     name: str
@@ -119,6 +122,12 @@ class Light:
     casts_shadow: bool = True
     receivers: frozenset[int] | None = None
     casters: frozenset[int] | None = None
+    own: tuple[tuple[str, str, Any], ...] = ()
+
+    def params_for[P: Params](self, effect_id: str, params: P) -> P:
+        """The effect's parameters for this light: the scene's, `params`, with the light's own over them."""
+        own = {name: value for effect, name, value in self.own if effect == effect_id}
+        return type(params).checked(effect_id, params.as_dict() | own) if own else params
 
     @property
     def is_dark(self) -> bool:

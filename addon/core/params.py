@@ -31,7 +31,7 @@ class Colour(tuple[float, float, float]):
 class ParamSpec:
     """One parameter: `kind` is int, float, bool, str, an Enum of strings, a Colour or a Ramp; `hard` is what
     is accepted, `soft` what a slider offers, both inclusive (of each of a Colour's channels); `trades_time`
-    says that raising it costs time and lowers error."""
+    says that raising it costs time and lowers error; `per_light` that a light may have a value of its own."""
 
     name: str
     kind: type
@@ -41,6 +41,7 @@ class ParamSpec:
     unit: str
     trades_time: bool
     doc: str
+    per_light: bool = False
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -103,10 +104,13 @@ class ParamSpec:
         return words[str(value).lower()]
 
 
-def param(default, *, doc, hard=None, soft=None, unit="", trades_time=False):
+def param(default, *, doc, hard=None, soft=None, unit="", trades_time=False, per_light=False):
     """A field of a Params class."""
-    metadata = {"hard": hard, "soft": soft or hard, "unit": unit, "trades_time": trades_time, "doc": doc}
-    return dataclasses.field(default=default, metadata=metadata)
+    ranges = {"hard": hard, "soft": soft or hard, "unit": unit}
+    return dataclasses.field(
+        default=default,
+        metadata={**ranges, "trades_time": trades_time, "doc": doc, "per_light": per_light},
+    )
 
 
 @dataclass(frozen=True)

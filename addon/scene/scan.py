@@ -12,7 +12,7 @@ from ..core.errors import StrataError
 from ..core.outline import Bounds, Camera, Instance, Light, Material, Mesh, Outline
 from .cameras import camera_of, camera_warnings, frame_size_of, pixel_filter_of, region_of
 from .light_linking import linked_objects
-from .lights import light_of
+from .lights import light_of, own_settings_of
 from .materials import Images, default_material, material_of
 from .render_depsgraph import engine_of
 from .transforms import are_usable
@@ -259,7 +259,7 @@ class _Scanner:
         for warning in warnings:
             self._warn(warning)
         if light is not None:
-            self.lights.append(light)
+            self.lights.append(replace(light, own=own_settings_of(shown.data)))
             self.light_objects.append((shown.original, parent.original))
 
     def _lights_with_objects(self):

@@ -2,7 +2,7 @@
 
 from ...core.effect import Blend, Effect, LayerKind, Metric
 from .gpu_steps import variants
-from .params import SoftShadowParams
+from .params import Method, SoftShadowParams
 from .reference import evaluate
 from .run import needed, run, visibility
 
@@ -27,4 +27,9 @@ EFFECT = Effect(
     sources={"visibility": visibility},
     source="Bavoil, thesis, chapter 5; Schwarz and Stamminger 2007 (bitmask)",
     shaders=variants,
+    presets={
+        "Draft": {"layers": 2, "resolution": 512, "max_samples": 128},
+        "Default": {},
+        "Best": {"method": Method.HYBRID, "layers": 4, "resolution": 2048, "max_samples": 2048, "rays": 256},
+    },
 )

@@ -22,13 +22,20 @@ class SoftShadowParams(Params):
         3,
         hard=(1, 8),
         trades_time=True,
+        per_light=True,
         doc="Depths kept per texel; more stop light from leaking between overlapping casters",
     )
     resolution: int = param(
-        1024, hard=(128, 4096), unit="texel", trades_time=True, doc="Side of each light's depth map"
+        1024,
+        hard=(128, 4096),
+        unit="texel",
+        trades_time=True,
+        per_light=True,
+        doc="Side of each light's depth map",
     )
     method: Method = param(
         Method.BITMASK,
+        per_light=True,
         doc="How texels add up: area is the thesis's sum, bitmask counts light samples, hybrid adds rays",
     )
     max_samples: int = param(
@@ -59,6 +66,7 @@ class SoftShadowParams(Params):
         hard=(1, 1024),
         soft=(16, 256),
         trades_time=True,
+        per_light=True,
         doc="Rays for each point that the map is unsure of, with the hybrid method",
     )
 

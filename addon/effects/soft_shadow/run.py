@@ -99,6 +99,7 @@ def _casters_now(light: Light, allowed: np.ndarray, region: np.ndarray, boxes: n
 
 def _record_light(recorder, outline, params, index, casters, seen, receivers, boxes) -> Node:
     light = outline.lights[index]
+    params = light.params_for("soft_shadow", params)
     visible = frozenset(np.flatnonzero(seen).tolist())
     attributes = POINTS if light.receivers is None else (*POINTS, "instance")
     surface = shared.surface(recorder, outline, visible, *attributes)
