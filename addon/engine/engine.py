@@ -7,6 +7,7 @@ import json
 import bpy
 import numpy as np
 
+from .. import preview
 from ..bake import Baked, BakeJob, read_depsgraph
 from ..core.errors import Cancelled, StrataError
 from ..job import Runner
@@ -56,7 +57,26 @@ class StrataRenderEngine(bpy.types.RenderEngine):
             raise  # Blender prints where
         layer_name = depsgraph.view_layer.name
         self._write(layer_name, passes.images_of(baked, job.outline, depsgraph), baked)
+        STATE.show_plan(depsgraph.scene.session_uid, job.graph)
         STATE.show_report(depsgraph.scene.session_uid, baked.layers.report)
+
+    def view_update(self, context, depsgraph):
+        """Nothing: the preview follows the scene by itself, and looks at each frame at what changed."""
+
+    def view_draw(self, context, depsgraph):
+        if reason := preview.available():
+            self.update_stats("", f"Strata: {reason}")
+            return
+        self._scene_id = context.scene.session_uid
+        preview.follow(context.scene)
+        preview.draw(context)
+
+    def __del__(self):
+        if (scene := getattr(self, "_scene_id", None)) is not None:
+            preview.unfollow(scene)
+        parent = getattr(super(), "__del__", None)
+        if parent:
+            parent()
 
     def _job(self, depsgraph) -> BakeJob:
         self.update_stats("", "Strata: Reading the scene")

@@ -1,10 +1,32 @@
 """Live layers in 3D viewports.
 
 `enable` and `disable` switch it on and off for a scene, `is_on` tells; `available` says why it cannot work
-here; `draw` puts the picture into the viewport at hand, for the preview's own handler and for the engine;
-`state_of` tells what a viewport shows and what it cost.
+here; `draw` puts the picture into the viewport at hand, for the preview's own handler and for the engine, for
+which `follow` and `unfollow` refine it; `state_of` tells what a viewport shows and what it cost.
 """
 
-from .control import available, disable, draw, enable, is_on, register, state_of, unregister
+from .control import (
+    available,
+    disable,
+    draw,
+    enable,
+    follow,
+    is_on,
+    register,
+    state_of,
+    unfollow,
+    unregister,
+)
 
-__all__ = ["available", "disable", "draw", "enable", "is_on", "register", "state_of", "unregister"]
+__all__ = [
+    "available",
+    "disable",
+    "draw",
+    "enable",
+    "follow",
+    "is_on",
+    "register",
+    "state_of",
+    "unfollow",
+    "unregister",
+]

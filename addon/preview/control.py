@@ -23,6 +23,7 @@ class _State:
 
     def __init__(self):
         self.scenes: set[int] = set()  # session ids of scenes that are watched
+        self.rendered: set[int] = set()  # those that the engine draws, in viewports that are shaded so
         self.sessions: dict[tuple, Session] = {}
         self.viewports: dict[int, Viewport] = {}  # by region
         self.textures: dict[int, tuple[Any, Any]] = {}  # by region: picture and its texture
@@ -80,10 +81,27 @@ def disable(scene: bpy.types.Scene | None = None) -> None:
         for handle in _state.handles:
             bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
         _state.handles.clear()
+    if not _watched():
         if bpy.app.timers.is_registered(_tick):
             bpy.app.timers.unregister(_tick)
         _forget()
     _redraw()
+
+
+def follow(scene: bpy.types.Scene) -> None:
+    """Refines what the engine draws of the scene, until `unfollow`. Costs nothing when asked again."""
+    _state.rendered.add(scene.session_uid)
+    if not bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.register(_tick, first_interval=0.0, persistent=True)
+
+
+def unfollow(scene: int) -> None:
+    """By session id, since the scene may be gone; the next tick frees what nobody looks at any more."""
+    _state.rendered.discard(scene)
+
+
+def _watched() -> set[int]:
+    return _state.scenes | _state.rendered
 
 
 def state_of(region: bpy.types.Region) -> Statistics | None:
@@ -128,16 +146,23 @@ def draw(context: bpy.types.Context, region: bpy.types.Region | None = None, enc
 
 
 def register() -> None:
-    handlers = bpy.app.handlers
-    handlers.depsgraph_update_post.append(_depsgraph_updated)
-    handlers.load_pre.append(_file_closing)
+    for handlers, function in _handlers():
+        if function not in handlers:
+            handlers.append(function)
 
 
 def unregister() -> None:
+    _state.rendered.clear()
     disable()
+    for handlers, function in _handlers():
+        if function in handlers:
+            handlers.remove(function)
+
+
+def _handlers():
+    """Blender's lists, and what belongs into each."""
     handlers = bpy.app.handlers
-    handlers.depsgraph_update_post.remove(_depsgraph_updated)
-    handlers.load_pre.remove(_file_closing)
+    return (handlers.depsgraph_update_post, _depsgraph_updated), (handlers.load_pre, _file_closing)
 
 
 def _session_of(scene, layer, space, backend: str) -> Session:
@@ -162,12 +187,16 @@ def _forget() -> None:
 
 def _draw_view() -> None:
     context = bpy.context
-    if context.scene is None or not is_on(context.scene):
+    if context.scene is None or not is_on(context.scene) or _engine_draws(context):
         return
     try:
         draw(context, encodes=True)
     except Exception as error:
         _failed(error)
+
+
+def _engine_draws(context: bpy.types.Context) -> bool:
+    return context.space_data.shading.type == "RENDERED" and context.scene.render.engine == "STRATA"
 
 
 def _draw_text() -> None:
@@ -184,11 +213,12 @@ def _failed(error: Exception) -> None:
     traceback.print_exc()
     _state.failure = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
     _state.scenes.clear()
+    _state.rendered.clear()
 
 
 @persistent
 def _depsgraph_updated(scene, depsgraph) -> None:
-    if scene.session_uid not in _state.scenes:
+    if scene.session_uid not in _watched():
         return
     for (uid, *_), session in _state.sessions.items():
         if uid == scene.session_uid:
@@ -197,7 +227,7 @@ def _depsgraph_updated(scene, depsgraph) -> None:
 
 @persistent
 def _file_closing(*_) -> None:
-    _state.scenes.clear()
+    _state.rendered.clear()
     disable()
 
 
@@ -219,14 +249,15 @@ def _regions():
 
 def _tick() -> float | None:
     """Refines what is still, a slice of the budget at a time, and makes view transforms."""
-    if not _state.scenes:
+    if not _watched():
+        _forget()
         return None
     alive = {}
     wait = 1.0
     for window, _area, region in _regions():
         alive[region.as_pointer()] = region
         scene = window.scene
-        if not is_on(scene):
+        if scene.session_uid not in _watched():
             continue
         signature = view_transform.signature(scene)
         if signature not in _state.tables:
