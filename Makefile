@@ -42,9 +42,10 @@ lint: setup
 bench: setup
 	$(PYTHON) scripts/bench.py
 
-# docs/effects, from what the effects declare.
+# docs/effects and the presets, from what the effects declare.
 docs: setup
 	$(PYTHON) scripts/effect_docs.py
+	$(PYTHON) scripts/effect_presets.py
 
 # dist/strata-<version>-linux_x64.zip, to install from a file in Blender's preferences.
 extension: setup

@@ -8,9 +8,11 @@ def _modules() -> tuple:
     from .addon import preview
     from .addon.engine import engine
     from .addon.ui import panels, properties
-    from .ops import bake, command, ramp
+    from .ops import bake, command, compositor, ramp
+    from .ops import preview as preview_operators
 
-    return properties, preview, engine, bake, ramp, panels, command
+    operators = bake, compositor, preview_operators, ramp
+    return properties, preview, engine, *operators, panels, command
 
 
 def register() -> None:

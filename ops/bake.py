@@ -15,7 +15,7 @@ from ..addon.layers.files import check_writable
 from ..addon.layers.images import make_images
 from ..addon.ui.properties import options_of
 from ..addon.ui.registration import Classes
-from ..addon.ui.state import STATE, PlanRow
+from ..addon.ui.state import STATE
 from .arguments import Placeholder
 from .planning import nothing_to_bake, read_plan
 from .terminal import time_left
@@ -98,12 +98,14 @@ class STRATA_OT_bake(bpy.types.Operator):
         """Reads the scene, on the main thread; None if there is nothing to bake."""
         scene = context.scene
         self._scene_id = scene.session_uid
-        self._wants_images = scene.strata.make_images
-        self._path = _output(scene, self.filepath)
+        self._wants_images = scene.strata.save_to != "FILE"
+        has_file = self.filepath or scene.strata.save_to != "IMAGES"
+        self._path = output_of(scene, self.filepath or scene.strata.output) if has_file else None
         if self._path:
             check_writable(self._path)
-        job = read_job(scene, context.view_layer, options_of)
+        self._job = job = read_job(scene, context.view_layer, options_of)
         if reason := nothing_to_bake(job.graph):
+            STATE.show_plan(self._scene_id, job.graph)
             self.report({"WARNING"}, reason[0].upper() + reason[1:])
             return None
         return job
@@ -119,6 +121,7 @@ class STRATA_OT_bake(bpy.types.Operator):
             return {"CANCELLED"}
         if self._wants_images:
             make_images(baked.layers)
+        STATE.show_plan(self._scene_id, self._job.graph)
         STATE.show_report(self._scene_id, baked.layers.report)
         where = f" to {self._path}" if self._path else ""
         seconds = baked.layers.report["seconds"]
@@ -161,22 +164,19 @@ class STRATA_OT_plan(bpy.types.Operator):
         except StrataError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        kept = [PlanRow(layer.light, layer.name, True) for layer in graph.layers]
-        left_out = [PlanRow(entry.light, entry.reason, False) for entry in graph.left_out]
-        STATE.plan, STATE.plan_of = (*kept, *left_out), context.scene.session_uid
+        STATE.show_plan(context.scene.session_uid, graph)
         _redraw(context)
         return {"FINISHED"}
 
 
-def _output(scene: bpy.types.Scene, given: str) -> Path | None:
-    """Where to write; None for images only. Raises StrataError."""
-    text = given or scene.strata.output
+def output_of(scene: bpy.types.Scene, text: str) -> Path:
+    """The file that `text` means at the scene's frame. Raises StrataError."""
     if not text:
-        if not scene.strata.make_images:
-            raise StrataError("nowhere to put the layers: choose an output or new images")
-        return None
+        raise StrataError("no file to write to: name one, or save to images only")
     if text.startswith("//") and not bpy.data.filepath:
-        raise StrataError("the output is beside the Blender file, which was never saved: save it first")
+        raise StrataError(
+            "the output is beside the Blender file, which was never saved: save it, or save to images only"
+        )
     text = text if text.lower().endswith(".exr") else f"{text}.exr"
     return Placeholder(bpy.path.abspath(text)).path(scene.frame_current)
 

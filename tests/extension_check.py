@@ -5,15 +5,20 @@ As a program: `python extension_check.py ZIP SCENE.blend OUT.exr` with the pip-i
 BLENDER_USER_RESOURCES has to name an empty folder.
 """
 
+import gc
 import os
 import sys
+import threading
 import traceback
 from importlib.util import find_spec
 from pathlib import Path
 
 import bpy
+from bpy.utils import previews
 
 MODULE = "bl_ext.user_default.strata"
+ROUNDS = 20
+MOST_GROWN_MB = 8.0  # over fifteen rounds; modules that were kept would be about 3 MB a round
 
 
 def registered() -> dict[str, list[str]]:
@@ -32,6 +37,15 @@ def registered() -> dict[str, list[str]]:
         ),
         "menus": sorted(str(f) for f in getattr(bpy.types.TOPBAR_MT_render.draw, "_draw_funcs", ())),
         "paths": sorted(path for path in sys.path if "strata" in path),
+        "light properties": sorted(bpy.types.Light.bl_rna.properties.keys()),
+        "preset paths": sorted(path for path in bpy.utils._preset_path_registry if "strata" in path),
+        "panels of the engine": sorted(
+            panel.__name__
+            for panel in bpy.types.Panel.__subclasses__()
+            if "STRATA" in getattr(panel, "COMPAT_ENGINES", ())
+        ),
+        "picture collections": [str(size) for size in (len(previews._uuid_open),) if size],
+        "threads": sorted(t.name for t in threading.enumerate() if t.name.startswith("strata")),
     }
 
 
@@ -43,6 +57,31 @@ def strata_subclasses() -> list[str]:
             cls.__name__ for cls in base.__subclasses__() if cls.is_registered and MODULE in cls.__module__
         ]
     return found
+
+
+def resident_mb() -> float:
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def check_many_rounds(before: dict[str, list[str]]) -> None:
+    """Disabling and enabling, as Blender's Reload Scripts does it, keeps nothing and needs no more memory."""
+    import addon_utils
+
+    settled = 0.0
+    for number in range(ROUNDS):
+        addon_utils.disable(MODULE)
+        assert registered() == before, f"round {number}"
+        assert not strata_subclasses(), strata_subclasses()
+        for name in [name for name in sys.modules if name.startswith(MODULE)]:
+            del sys.modules[name]
+        assert addon_utils.enable(MODULE) is not None
+        gc.collect()
+        if number == ROUNDS // 4:  # the first ones fill caches of Python and Blender
+            settled = resident_mb()
+    grown = resident_mb() - settled
+    print(f"{ROUNDS} rounds, {grown:.1f} MB more")
+    assert grown < MOST_GROWN_MB
 
 
 def check(archive: str, scene: str, output: str) -> None:
@@ -63,6 +102,7 @@ def check(archive: str, scene: str, output: str) -> None:
     render.resolution_x, render.resolution_y, render.resolution_percentage = 96, 54, 100
     settings = bpy.context.scene.strata
     settings.backend, settings.samples, settings.probes = "cpu", 1, 64
+    settings.save_to = "IMAGES"
     images = set(bpy.data.images)
     assert bpy.ops.strata.plan() == {"FINISHED"}
     assert bpy.ops.strata.bake(filepath=output) == {"FINISHED"}
@@ -86,6 +126,7 @@ def check(archive: str, scene: str, output: str) -> None:
         assert addon_utils.enable(MODULE) is not None
         assert hasattr(bpy.context.scene, "strata")
         sys.modules[MODULE].register()  # twice in a row changes nothing
+    check_many_rounds(before)
     addon_utils.disable(MODULE)
     sys.modules[MODULE].unregister()
     assert registered() == before

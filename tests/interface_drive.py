@@ -46,7 +46,8 @@ def person():
 
     in_view(bpy.ops.strata.plan)
     yield 0.5
-    found = {"plan": [[row.light, row.text, row.kept] for row in state.plan]}
+    scene = bpy.context.scene.session_uid
+    found = {"plan": [[row.light, row.what, row.reason] for row in state.plans[scene]]}
 
     in_view(bpy.ops.strata.bake, "INVOKE_DEFAULT")
     found["started"] = state.is_baking
@@ -66,7 +67,7 @@ def person():
         yield 0.05
     yield 0.5  # the result is drawn
     found["images"] = sorted(image.name for image in bpy.data.images if image.is_float and image.size[0])
-    found["layers"] = [layer["name"] for layer in state.report["layers"]]
+    found["layers"] = [layer["name"] for layer in state.reports[scene]["layers"]]
     with open(RESULT, "w") as file:
         json.dump(found, file)
 

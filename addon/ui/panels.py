@@ -1,13 +1,18 @@
-"""The sidebar of the 3D View. Drawing only reads; operators work."""
+"""The sidebar of the 3D View; the same in the render properties while the engine is Strata; and lights."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import bpy
 
-from ..core.ramp import Ramp
+from ..core.effect import Effect
 from ..effects.registry import EFFECTS
+from . import draw, plot, presets
 from .registration import Classes
 from .state import STATE
+
+ENGINE_ID = "STRATA"
 
 
 class _Sidebar:
@@ -16,114 +21,162 @@ class _Sidebar:
     bl_category = "Strata"
 
 
-class STRATA_PT_bake(_Sidebar, bpy.types.Panel):
-    bl_label = "Strata"
+class _RenderProperties:
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "render"
+    COMPAT_ENGINES = {ENGINE_ID}
+
+
+def _in_both(
+    name: str,
+    label: str,
+    body: Callable,
+    header: Callable | None = None,
+    presets_of: Effect | None = None,
+    parent: str = "",
+    needed: Callable = lambda context: True,
+    is_open: bool = False,
+) -> tuple[type, type]:
+    """A panel of the sidebar and its twin in the render properties; `body(layout, context)` draws both."""
+
+    def is_shown(cls, context):
+        return needed(context)
+
+    def is_shown_in_render(cls, context):
+        return context.scene.render.engine == ENGINE_ID and needed(context)
+
+    members = {
+        "bl_label": label,
+        "bl_options": set() if is_open else {"DEFAULT_CLOSED"},
+        "draw": lambda self, context: body(draw.settings_layout(self), context),
+    }
+    if header:
+        members["draw_header"] = lambda self, context: header(self.layout, context)
+    if presets_of:
+        members["draw_header_preset"] = lambda self, context: presets.draw_list_button(
+            presets_of, self.layout
+        )
+    found = []
+    for place, ending, poll in ((_Sidebar, "", is_shown), (_RenderProperties, "_render", is_shown_in_render)):
+        own = {"poll": classmethod(poll)} | (
+            {"bl_parent_id": f"STRATA_PT_{parent}{ending}"} if parent else {}
+        )
+        found.append(type(f"STRATA_PT_{name}{ending}", (place, bpy.types.Panel), members | own))
+    return tuple(found)
+
+
+def _bake(layout, context) -> None:
+    draw.bake_button(layout, context)
+    draw.bake_settings(layout, context)
+
+
+class STRATA_PT_preview(_Sidebar, bpy.types.Panel):
+    bl_label = "Preview"
 
     def draw(self, context):
-        layout = self.layout
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        settings = context.scene.strata
-        column = layout.column()
-        column.active = not STATE.is_baking
-        for name in ("backend", "samples", "probes", "output", "make_images"):
-            column.prop(settings, name)
-        if STATE.is_baking:
-            layout.progress(factor=STATE.share, text=f"{STATE.doing}   Esc cancels")
-            return
-        if context.scene.camera is None:
-            layout.label(text="The scene has no camera", icon="ERROR")
-        row = layout.row()
-        row.scale_y = 1.4
-        row.operator("strata.bake", icon="RENDER_STILL")
+        draw.preview_switch(self.layout, context)
 
 
-class STRATA_PT_plan(_Sidebar, bpy.types.Panel):
-    bl_label = "Plan"
-    bl_parent_id = "STRATA_PT_bake"
+class STRATA_PT_preview_settings(_Sidebar, bpy.types.Panel):
+    bl_label = "Settings"
+    bl_parent_id = "STRATA_PT_preview"
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
-        layout = self.layout
-        layout.operator("strata.plan", icon="FILE_REFRESH")
-        if STATE.plan_of != context.scene.session_uid:
-            return
-        column = layout.column(align=True)
-        for row in STATE.plan:
-            split = column.split(factor=0.4)
-            split.label(text=row.light or "Effect", icon="LIGHT" if row.light else "SHADERFX")
-            line = split.row()
-            line.active = row.kept
-            line.label(text=row.text, icon="CHECKMARK" if row.kept else "REMOVE")
+        draw.preview_settings(draw.settings_layout(self), context)
 
 
-class STRATA_PT_result(_Sidebar, bpy.types.Panel):
-    bl_label = "Last Bake"
-    bl_parent_id = "STRATA_PT_bake"
+class STRATA_MT_preview_layer(bpy.types.Menu):
+    bl_label = "Preview Layer"
+
+    def draw(self, context):
+        draw.preview_layers(self.layout, context)
+
+
+def _effects(layout, context) -> None:
+    if not any(getattr(context.scene.strata, effect.id).enabled for effect in EFFECTS):
+        layout.label(text="No effect is switched on", icon="INFO")
+
+
+def _effect(effect: Effect) -> tuple[type, type]:
+    return _in_both(
+        effect.id,
+        effect.title,
+        lambda layout, context: draw.effect_settings(layout, context, effect),
+        header=lambda layout, context: draw.effect_header(layout, context, effect),
+        presets_of=effect,
+        parent="effects",
+        is_open=len(EFFECTS) == 1,
+    )
+
+
+class _OwnSettings:
+    """A light's own settings; `_light(context)` says which light's."""
+
+    bl_label = "Strata"
+    bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context):
-        return STATE.report_of == context.scene.session_uid
-
-    def draw(self, context):
-        layout = self.layout
-        report = STATE.report
-        layout.label(text=f"{report['backend'].upper()}, {report['seconds']:.2f} s")
-        for layer in report["layers"]:
-            box = layout.box().column(align=True)
-            split = box.split(factor=0.75)
-            split.label(text=layer["name"], icon="RENDERLAYERS")
-            split.label(text=f"{layer['seconds']:.2f} s")
-            error = layer.get("error")
-            if error:
-                low, high = error["ci95"]
-                box.label(text=f"{error['metric']}: {error['value']:.4f}")
-                box.label(text=f"95% between {low:.4f} and {high:.4f}")
-        for warning in report["warnings"]:
-            layout.label(text=warning, icon="ERROR")
-
-
-def _draw_ramp(layout, group, path: str, name: str) -> None:
-    """A texture to take the ramp of, and that ramp; without one, a button that makes it."""
-    row = layout.row(align=True)
-    row.prop(group, name)
-    texture = getattr(group, name)
-    if texture is None:
-        new = row.operator("strata.new_ramp", text="", icon="ADD")
-        new.path, new.name = path, name
-    elif texture.use_color_ramp:
-        layout.template_color_ramp(texture, "color_ramp", expand=True)
-    else:
-        layout.prop(texture, "use_color_ramp")
-
-
-def _effect_panel(effect) -> type:
-    """An effect's sub-panel: a checkbox in the header, its parameters below."""
+        return cls._light(context) is not None
 
     def draw_header(self, context):
-        self.layout.prop(getattr(context.scene.strata, effect.id), "enabled", text="")
+        self.layout.prop(self._light(context).strata, "use_own", text="")
 
     def draw(self, context):
-        group = getattr(context.scene.strata, effect.id)
-        layout = self.layout
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        layout.active = group.enabled
-        for spec in effect.params.specs():
-            if spec.kind is Ramp:
-                _draw_ramp(layout, group, f"scene.strata.{effect.id}", spec.name)
-            else:
-                layout.prop(group, spec.name)
-
-    members = {
-        "bl_label": effect.title,
-        "bl_parent_id": "STRATA_PT_bake",
-        "bl_options": {"DEFAULT_CLOSED"},
-        "draw_header": draw_header,
-        "draw": draw,
-    }
-    return type(f"STRATA_PT_{effect.id}", (_Sidebar, bpy.types.Panel), members)
+        draw.light_settings(draw.settings_layout(self), self._light(context), EFFECTS)
 
 
-_classes = Classes(STRATA_PT_bake, *map(_effect_panel, EFFECTS), STRATA_PT_plan, STRATA_PT_result)
-register, unregister = _classes.register, _classes.unregister
+class STRATA_PT_light(_OwnSettings, bpy.types.Panel):
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "data"
+
+    @staticmethod
+    def _light(context):
+        return context.light
+
+
+class STRATA_PT_active_light(_OwnSettings, _Sidebar, bpy.types.Panel):
+    bl_label = "Active Light"
+    bl_parent_id = "STRATA_PT_lights"
+
+    @staticmethod
+    def _light(context):
+        active = context.active_object
+        return active.data if active is not None and active.type == "LIGHT" else None
+
+    def draw_header_preset(self, context):
+        self.layout.label(text=context.active_object.name)
+
+
+_classes = Classes(
+    STRATA_MT_preview_layer,
+    STRATA_PT_preview,
+    STRATA_PT_preview_settings,
+    *_in_both("bake", "Bake", _bake, is_open=True),
+    *_in_both("effects", "Effects", _effects, is_open=True),
+    *(panel for effect in EFFECTS for panel in _effect(effect)),
+    *_in_both("lights", "Lights", draw.lights, is_open=True),
+    STRATA_PT_active_light,
+    *_in_both("result", "Last Bake", draw.result, needed=draw.has_report, is_open=True),
+    *_in_both(
+        "error", "Error against Time", draw.error_plot, parent="result", needed=draw.has_marks, is_open=True
+    ),
+    *_in_both("steps", "Time per Step", draw.step_times, parent="result", needed=draw.has_report),
+    STRATA_PT_light,
+)
+
+
+def register() -> None:
+    plot.register()
+    presets.register()
+    _classes.register()
+
+
+def unregister() -> None:
+    _classes.unregister()
+    presets.unregister()
+    plot.unregister()
+    STATE.clear()

@@ -13,6 +13,7 @@ from ..core.effect import Effect
 from ..core.params import Colour, ParamSpec
 from ..core.ramp import HuePath, Ramp, RampInterpolation, RampMode
 from ..effects.registry import EFFECTS
+from . import migration
 from .preview_settings import StrataPreviewSettings
 
 _FLOAT_LIMIT = 3.4e38  # of float32, which Blender keeps properties in
@@ -142,13 +143,36 @@ def _effect_group(effect: Effect) -> type:
     properties = {"enabled": on}
     for spec in effect.params.specs():
         properties[spec.name] = _property(spec)
-    name = f"Strata{effect.title.replace(' ', '')}Settings"
+    return _group(f"Strata{effect.title.replace(' ', '')}Settings", properties)
+
+
+def _light_effect_group(effect: Effect) -> type:
+    """The PropertyGroup of an effect's parameters that a light may have its own values of."""
+    properties = {spec.name: _property(spec) for spec in effect.params.specs() if spec.per_light}
+    return _group(f"Strata{effect.title.replace(' ', '')}LightSettings", properties)
+
+
+def _light_group(groups: dict[str, type]) -> type:
+    """The PropertyGroup of a light."""
+    own = bpy.props.BoolProperty(
+        name="Own Settings", description="This light has settings of its own, instead of the scene's"
+    )
+    pointers = {effect_id: bpy.props.PointerProperty(type=group) for effect_id, group in groups.items()}
+    return _group("StrataLightSettings", {"use_own": own, **pointers})
+
+
+def _group(name: str, properties: dict) -> type:
     return type(name, (bpy.types.PropertyGroup,), {"__annotations__": properties})
 
 
 def _scene_group(groups: dict[str, type]) -> type:
     """The PropertyGroup of a scene: how to bake, and a group an effect."""
     properties = {
+        "version": bpy.props.IntProperty(
+            name="Settings Version",
+            description="Which Strata these settings were saved by (addon/ui/migration.py); 0: none yet",
+            options={"HIDDEN"},
+        ),
         "backend": bpy.props.EnumProperty(
             name="Device",
             description="Where the effects run",
@@ -169,40 +193,52 @@ def _scene_group(groups: dict[str, type]) -> type:
             description="Surface points that each layer's error is measured at; 0 measures nothing",
             default=2048, min=0, max=1 << 20, soft_max=16384,
         ),
-        "output": bpy.props.StringProperty(
-            name="Output",
-            description="Multilayer EXR to write; #### is the frame number. Empty writes no file",
-            default="//strata_####.exr", subtype="FILE_PATH", options={"OUTPUT_PATH"},
+        "save_to": bpy.props.EnumProperty(
+            name="Save To",
+            description="What a bake makes of its layers",
+            items=[
+                ("IMAGES", "Images", "A new image of this file for each layer", 0),
+                ("FILE", "File", "A multilayer OpenEXR file", 1),
+                ("BOTH", "Both", "New images, and a multilayer OpenEXR file", 2),
+            ],
+            default="BOTH",
         ),
-        "make_images": bpy.props.BoolProperty(
-            name="New Images",
-            description="Also put each layer into a new image of this file",
-            default=True,
+        "output": bpy.props.StringProperty(
+            name="File",
+            description="Multilayer EXR to write; #### is the frame number",
+            default="//strata_####.exr", subtype="FILE_PATH",
+            options={"OUTPUT_PATH", "PATH_SUPPORTS_BLEND_RELATIVE"},
         ),
     }  # fmt: skip
     for effect_id, group in groups.items():
         properties[effect_id] = bpy.props.PointerProperty(type=group)
     properties["preview"] = bpy.props.PointerProperty(type=StrataPreviewSettings)
-    return type("StrataSettings", (bpy.types.PropertyGroup,), {"__annotations__": properties})
+    return _group("StrataSettings", properties)
 
 
 _registered: list[type] = []
 
 
 def register() -> None:
-    """Makes `scene.strata`; a second time changes nothing."""
+    """Makes `scene.strata` and `light.strata`; a second time changes nothing."""
     if _registered:
         return
-    groups = {effect.id: _effect_group(effect) for effect in EFFECTS}
-    for cls in (*groups.values(), StrataPreviewSettings, _scene_group(groups)):
+    of_lights = {effect.id: _light_effect_group(effect) for effect in EFFECTS}
+    of_scenes = {effect.id: _effect_group(effect) for effect in EFFECTS}
+    light, scene = _light_group(of_lights), _scene_group(of_scenes)
+    for cls in (*of_lights.values(), *of_scenes.values(), StrataPreviewSettings, light, scene):
         bpy.utils.register_class(cls)
         _registered.append(cls)
-    bpy.types.Scene.strata = bpy.props.PointerProperty(type=_registered[-1])
+    bpy.types.Light.strata = bpy.props.PointerProperty(type=light)
+    bpy.types.Scene.strata = bpy.props.PointerProperty(type=scene)
+    migration.register()
 
 
 def unregister() -> None:
     if not _registered:
         return
+    migration.unregister()
     del bpy.types.Scene.strata
+    del bpy.types.Light.strata
     while _registered:
         bpy.utils.unregister_class(_registered.pop())

@@ -1,36 +1,68 @@
-"""What the panel shows and the operators write: nothing of it is saved with the file."""
+"""What the panels show and the operators write: nothing of it is saved with the file."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import Any
 
+MOST_MARKS = 24  # of a layer in the plot of errors
+
 
 @dataclass(frozen=True)
 class PlanRow:
-    """One line about a light (or, with no light, about an effect): a layer to come, or why there is none."""
+    """One line about a light (or, with no light, about an effect, by its id): a layer to come, or what there
+    is none of, and why."""
 
+    effect: str
     light: str
-    text: str
-    kept: bool
+    what: str
+    reason: str = ""
+
+    @property
+    def kept(self) -> bool:
+        return not self.reason
+
+
+@dataclass(frozen=True)
+class Mark:
+    """What a layer cost and how wrong it was, in one bake."""
+
+    seconds: float
+    error: float
 
 
 @dataclass
 class State:
-    """`plan_of` and `report_of` are the scenes' session ids, unique until Blender ends, so that no figure of
-    one scene or file is ever shown beside another."""
+    """Scenes go by their session ids, unique until Blender ends, so that no figure of one scene or file is
+    ever shown beside another."""
 
     is_baking: bool = False
     share: float = 0.0
     doing: str = ""
-    plan: tuple[PlanRow, ...] = ()
-    plan_of: int | None = None
-    report: dict[str, Any] = field(default_factory=dict)
-    report_of: int | None = None
+    plans: dict[int, tuple[PlanRow, ...]] = field(default_factory=dict)
+    reports: dict[int, dict[str, Any]] = field(default_factory=dict)
+    marks: dict[int, dict[str, list[Mark]]] = field(default_factory=dict)
+    reports_shown: int = 0  # counts up, so that a picture knows that it is old
+
+    def show_plan(self, scene: int, graph) -> None:
+        """Of a `core.graph.Graph`."""
+        kept = [PlanRow(layer.effect, layer.light, layer.name) for layer in graph.layers if layer.effect]
+        left_out = [PlanRow(entry.effect, entry.light, entry.what, entry.reason) for entry in graph.left_out]
+        self.plans[scene] = (*kept, *left_out)
 
     def show_report(self, scene: int, report: dict[str, Any]) -> None:
-        """The last bake or render of a scene, by its session id. From any thread."""
-        self.report, self.report_of = report, scene
+        """The last bake or render of a scene. From any thread."""
+        self.reports[scene] = report
+        marks = self.marks.setdefault(scene, {})
+        for layer in report["layers"]:
+            if layer.get("error"):
+                mark = Mark(layer["seconds"], layer["error"]["value"])
+                marks[layer["name"]] = [*marks.get(layer["name"], ()), mark][-MOST_MARKS:]
+        self.reports_shown += 1
+
+    def clear(self) -> None:
+        for shown in (self.plans, self.reports, self.marks):
+            shown.clear()
 
 
 STATE = State()

@@ -1,0 +1,294 @@
+"""What panels show, whatever editor they are in. Drawing only reads; operators work."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable
+
+import bpy
+
+from .. import preview
+from ..core.effect import Effect
+from ..core.params import ParamSpec
+from ..core.ramp import Ramp
+from ..effects.registry import EFFECTS
+from . import plot
+from .state import STATE, PlanRow
+
+LETTER_PIXELS = 7.2  # of the interface's font at scale 1, on average
+COMPOSITE = "Composite"
+_LIGHT_ICONS = {"POINT": "LIGHT_POINT", "SUN": "LIGHT_SUN", "SPOT": "LIGHT_SPOT", "AREA": "LIGHT_AREA"}
+
+
+def settings_layout(panel: bpy.types.Panel) -> bpy.types.UILayout:
+    layout = panel.layout
+    layout.use_property_split = True
+    return layout
+
+
+def text(layout: bpy.types.UILayout, context, words: str, icon: str = "NONE", indent: int = 2) -> None:
+    """Several labels, as wide as the region: one would be cut off. `indent`: letters that icons take."""
+    scale = context.preferences.system.ui_scale
+    letters = max(int(context.region.width / (LETTER_PIXELS * scale)) - 4 - 2 * indent, 16)
+    column = layout.column(align=True)
+    column.scale_y = 0.75
+    for number, line in enumerate(textwrap.wrap(words, letters)):
+        column.label(text=line, icon=icon if number == 0 else ("NONE" if icon == "NONE" else "BLANK1"))
+
+
+# The preview
+
+
+def preview_switch(layout: bpy.types.UILayout, context) -> None:
+    scene = context.scene
+    reason = preview.available()
+    is_on = preview.is_on(scene)
+    row = layout.row(align=True)
+    row.scale_y = 1.3
+    row.enabled = not reason
+    row.operator("strata.preview", icon="HIDE_OFF" if is_on else "HIDE_ON", depress=is_on)
+    row.menu("STRATA_MT_preview_layer", text=scene.strata.preview.layer or COMPOSITE)
+    if reason:
+        column = layout.column()
+        column.active = False
+        text(column, context, reason[0].upper() + reason[1:], "INFO")
+
+
+def preview_settings(layout: bpy.types.UILayout, context) -> None:
+    settings = context.scene.strata.preview
+    layout.prop(settings, "frame_budget_ms")
+    layout.prop(settings, "show_statistics")
+
+
+def preview_layers(layout: bpy.types.UILayout, context) -> None:
+    """Choices of what to show: the layers that the last look at the scene found."""
+    shown = context.scene.strata.preview.layer
+    names = ["", *(row.what for row in _plan(context) if row.kept)]
+    for name in names if shown in names else [*names, shown]:
+        icon = "RADIOBUT_ON" if name == shown else "RADIOBUT_OFF"
+        layout.operator("strata.preview_layer", text=name or COMPOSITE, icon=icon).layer = name
+
+
+# Baking
+
+
+def bake_button(layout: bpy.types.UILayout, context) -> None:
+    if STATE.is_baking:
+        column = layout.column(align=True)
+        column.scale_y = 1.4
+        column.progress(factor=STATE.share, text=STATE.doing)
+        row = layout.row()
+        row.active = False
+        row.label(text="Esc cancels", icon="EVENT_ESC")
+        return
+    if context.scene.camera is None:
+        layout.label(text="The scene has no camera", icon="ERROR")
+    row = layout.row()
+    row.scale_y = 1.5
+    row.operator("strata.bake", icon="RENDER_STILL")
+
+
+def bake_settings(layout: bpy.types.UILayout, context) -> None:
+    settings = context.scene.strata
+    column = layout.column()
+    column.active = not STATE.is_baking
+    for name in ("backend", "samples", "probes"):
+        column.prop(settings, name)
+    column.separator()
+    column.prop(settings, "save_to")
+    if settings.save_to != "IMAGES":
+        column.prop(settings, "output")
+
+
+# Effects
+
+
+def effect_header(layout: bpy.types.UILayout, context, effect: Effect) -> None:
+    layout.prop(getattr(context.scene.strata, effect.id), "enabled", text="")
+
+
+def effect_settings(layout: bpy.types.UILayout, context, effect: Effect) -> None:
+    group = getattr(context.scene.strata, effect.id)
+    column = layout.column()
+    column.active = group.enabled
+    parameters(column, group, effect.params.specs(), f"scene.strata.{effect.id}")
+    rows = [row for row in _plan(context) if row.effect == effect.id and not row.light and not row.kept]
+    if rows and group.enabled:
+        layout.separator()
+        left_out(layout, context, rows)
+
+
+def parameters(layout: bpy.types.UILayout, group, specs: Iterable[ParamSpec], path: str) -> None:
+    """Rows for values of `group`, which Blender's context knows as `path`."""
+    for spec in specs:
+        if spec.kind is Ramp:
+            ramp(layout, group, path, spec.name)
+        else:
+            layout.prop(group, spec.name)
+
+
+def ramp(layout: bpy.types.UILayout, group, path: str, name: str) -> None:
+    """A texture to take the ramp of, and that ramp; without one, a button that makes it."""
+    row = layout.row(align=True)
+    row.prop(group, name)
+    texture = getattr(group, name)
+    if texture is None:
+        new = row.operator("strata.new_ramp", text="", icon="ADD")
+        new.path, new.name = path, name
+    elif texture.use_color_ramp:
+        layout.template_color_ramp(texture, "color_ramp", expand=True)
+    else:
+        layout.prop(texture, "use_color_ramp")
+
+
+def left_out(layout: bpy.types.UILayout, context, rows: Iterable[PlanRow]) -> None:
+    column = layout.column()
+    column.active = False
+    for row in rows:
+        text(column, context, f"Left out: {row.what}, {row.reason}", "REMOVE")
+
+
+# Lights
+
+
+def _plan(context) -> tuple[PlanRow, ...]:
+    return STATE.plans.get(context.scene.session_uid, ())
+
+
+def lights(layout: bpy.types.UILayout, context) -> None:
+    """Each light of the plan: its layers, and what of it is left out, and why."""
+    rows = [row for row in _plan(context) if row.light]
+    names = list(dict.fromkeys(row.light for row in rows))
+    for name in names:
+        light(layout, context, name, [row for row in rows if row.light == name])
+    word = "Look Again" if names else "Look at the Scene"
+    layout.operator("strata.plan", text=word, icon="VIEWZOOM")
+
+
+def light(layout: bpy.types.UILayout, context, name: str, rows: list[PlanRow]) -> None:
+    shown = context.scene.objects.get(name)
+    is_light = shown is not None and shown.type == "LIGHT"
+    kept = [row for row in rows if row.kept]
+    box = layout.box()
+    column = box.column(align=True)
+    header = column.row()
+    header.active = bool(kept)
+    header.label(text=name, icon=_LIGHT_ICONS[shown.data.type] if is_light else "LIGHT")
+    end = header.row()
+    end.alignment = "RIGHT"
+    if is_light and shown.data.strata.use_own:
+        end.label(text="Own", icon="MODIFIER")
+    count = len(kept)
+    words = f"{count} layers" if count > 1 else "1 layer" if count else "No layer"
+    end.label(text=words, icon="CHECKMARK" if kept else "REMOVE")
+    reasons = column.column()
+    reasons.active = False
+    for row in rows:
+        if not row.kept:
+            what = row.what.split(name, 1)[-1].strip()
+            text(reasons, context, f"{what}: {row.reason}" if what else row.reason, "BLANK1")
+
+
+def light_settings(layout: bpy.types.UILayout, data: bpy.types.Light, effects: Iterable[Effect]) -> None:
+    """A light's own settings, greyed while it has none."""
+    layout.prop(data, "use_shadow")
+    column = layout.column()
+    column.active = data.strata.use_own and data.use_shadow
+    for effect in effects:
+        specs = [spec for spec in effect.params.specs() if spec.per_light]
+        if specs:
+            column.label(text=effect.title)
+            parameters(column, getattr(data.strata, effect.id), specs, f"light.strata.{effect.id}")
+
+
+# The last bake
+
+
+def _report(context) -> dict:
+    return STATE.reports[context.scene.session_uid]
+
+
+def has_report(context) -> bool:
+    return context.scene.session_uid in STATE.reports
+
+
+def result(layout: bpy.types.UILayout, context) -> None:
+    report = _report(context)
+    row = layout.row()
+    row.label(text=f"{report['seconds']:.2f} s in all on the {report['backend'].upper()}", icon="TIME")
+    numbers = {name: number for number, name in enumerate(STATE.marks.get(context.scene.session_uid, ()))}
+    for effect in EFFECTS:
+        made = [layer for layer in report["layers"] if layer["effect"] == effect.id]
+        grid = layout.column(align=True)
+        if made:
+            _result_row(grid, 0, effect.title, "Error", "Time", is_active=False)
+        for layer in made:
+            _layer_result(grid, layer, numbers)
+    for warning in report["warnings"]:
+        text(layout, context, warning, "ERROR")
+    layout.operator("strata.build_compositor", icon="NODE_COMPOSITING")
+
+
+def _layer_result(layout: bpy.types.UILayout, layer: dict, numbers: dict[str, int]) -> None:
+    name, error = layer["name"], layer.get("error")
+    icon = plot.dot_icon(numbers[name]) if name in numbers else 0
+    shown = f"{error['value']:.4f}" if error else ""
+    _result_row(layout, icon, layer.get("light") or name, shown, f"{layer['seconds']:.2f} s")
+    if error:
+        low, high = error["ci95"]
+        row = layout.row()
+        row.active, row.scale_y = False, 0.7
+        row.label(text=f"95% sure: {low:.4f} to {high:.4f}", icon="BLANK1")
+
+
+def _result_row(layout, icon: int, name: str, error: str, seconds: str, is_active: bool = True) -> None:
+    row = layout.row(align=True)
+    row.active = is_active
+    split = row.split(factor=0.52)
+    if icon:
+        split.label(text=name, icon_value=icon)
+    else:
+        split.label(text=name)
+    figures = split.row()
+    for figure in (error, seconds):
+        cell = figures.row()
+        cell.alignment = "RIGHT"
+        cell.label(text=figure)
+
+
+def has_marks(context) -> bool:
+    return bool(STATE.marks.get(context.scene.session_uid))
+
+
+def error_plot(layout: bpy.types.UILayout, context) -> None:
+    """Every bake of this session: how wrong a layer was over what it cost."""
+    scene = context.scene.session_uid
+    across, up = plot.ranges(list(STATE.marks[scene].values()))
+    column = layout.column(align=True)
+    _ends(column, f"error {up[1]:.2g}", "")
+    column.template_icon(icon_value=plot.plot_icon(scene), scale=9.0)
+    _ends(column, f"{up[0]:.2g}", "")
+    _ends(column, f"{across[0]:.2g} s", f"{across[1]:.2g} s")
+
+
+def _ends(layout: bpy.types.UILayout, left: str, right: str) -> None:
+    row = layout.row()
+    row.active = False
+    row.scale_y = 0.7
+    row.label(text=left)
+    end = row.row()
+    end.alignment = "RIGHT"
+    end.label(text=right)
+
+
+def step_times(layout: bpy.types.UILayout, context) -> None:
+    """The dearest first; a bar is the share of all steps."""
+    seconds: dict[str, float] = {}
+    for step in _report(context)["steps"]:
+        seconds[step["name"]] = seconds.get(step["name"], 0.0) + step["seconds"]
+    whole = sum(seconds.values()) or 1.0
+    column = layout.column(align=True)
+    for name, spent in sorted(seconds.items(), key=lambda item: -item[1]):
+        split = column.split(factor=0.5)
+        split.label(text=name.rpartition("/")[2].replace("_", " ").capitalize())
+        split.progress(factor=spent / whole, text=f"{spent:.2f} s")

@@ -1,0 +1,91 @@
+"""Settings that an older Strata saved, brought up to date when a file is opened or appended from.
+
+`scene.strata.version` says which step they are at. A change of meaning adds a step to the end of `_STEPS`;
+nothing is ever taken out of it. Steps see the stored values by name, also of properties that are gone: what
+was never changed from its default is not stored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from enum import Enum
+from typing import Any
+
+import bpy
+from bpy.app.handlers import blend_import_post, load_post, persistent, save_pre
+
+from ..effects.registry import EFFECTS
+
+# What Blender keeps properties in: names to numbers, texts and further groups.
+Stored = Any
+
+
+def _choose_where_to_save(stored: Stored) -> None:
+    """One choice (images 0, file 1, both 2) for a switch for images and a file name that might be empty."""
+    has_images = bool(stored.pop("make_images", True))
+    has_file = stored.get("output", "//") != ""
+    if not has_file:
+        stored.pop("output")
+    if not (has_images and has_file):
+        stored["save_to"] = 1 if has_file else 0
+
+
+def _renumber_choices(stored: Stored) -> None:
+    """Numbers of choices that an animation can hold: 22 bits of the word's hash instead of 31."""
+    for effect in EFFECTS:
+        group = stored.get(effect.id)
+        for spec in effect.params.specs() if group is not None else ():
+            if issubclass(spec.kind, Enum) and spec.name in group:
+                group[spec.name] &= 0x3FFFFF
+
+
+_STEPS: tuple[Callable[[Stored], None], ...] = (_choose_where_to_save, _renumber_choices)
+VERSION = len(_STEPS)
+
+
+def migrate(scenes: Iterable[bpy.types.Scene]) -> None:
+    """Brings settings up to date; scenes that have none, and settings of this or a later Strata, are left
+    alone."""
+    for scene in scenes:
+        properties = scene.bl_system_properties_get()
+        stored = properties.get("strata") if properties else None
+        if stored is None or not scene.is_editable:
+            continue
+        for step in _STEPS[stored.get("version", 0) :]:
+            step(stored)
+        stored["version"] = max(stored.get("version", 0), VERSION)
+
+
+@persistent
+def _after_opening(*_) -> None:
+    migrate(bpy.data.scenes)
+
+
+@persistent
+def _after_appending(context) -> None:
+    migrate(item.id for item in context.import_items if isinstance(item.id, bpy.types.Scene))
+
+
+@persistent
+def _before_saving(*_) -> None:
+    """New settings are of this version."""
+    for scene in bpy.data.scenes:
+        properties = scene.bl_system_properties_get()
+        if properties and "strata" in properties and scene.is_editable:
+            stored = properties["strata"]
+            stored["version"] = max(stored.get("version", 0), VERSION)
+
+
+_HANDLERS = ((load_post, _after_opening), (blend_import_post, _after_appending), (save_pre, _before_saving))
+
+
+def register() -> None:
+    for handlers, function in _HANDLERS:
+        if function not in handlers:
+            handlers.append(function)
+
+
+def unregister() -> None:
+    for handlers, function in _HANDLERS:
+        if function in handlers:
+            handlers.remove(function)
