@@ -18,7 +18,7 @@ from .estimate import Group, Measured, binary_part, grouped_part
 from .interval import Part
 from .probes import Stratum, take
 
-RAYS_AT_ONCE = 1 << 16
+RAYS_AT_ONCE = 1 << 15
 """Between two yields: some hundredths of a second."""
 
 SCREENING_SAMPLES = 4
