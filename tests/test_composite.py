@@ -91,7 +91,11 @@ def test_colours_and_textures_are_the_same_on_both_devices():
     surface = points(rng, 23, 31)
     outline, arrays = tilted_quad_scene()
     texels = rng.uniform(size=(5, 7, 4)).astype(np.float32)
-    given = {"colours": ((0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (9.0, 9.0, 9.0)), "images": ((1, 0), (2, 1))}
+    given = {
+        "colours": ((0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (9.0, 9.0, 9.0)),
+        "images": ((1, 0), (2, 1)),
+        "version": 0,
+    }
     results = []
     for device in (CpuDevice(), gpu_device()):
         device.set_scene(outline, replace(arrays, textures={0: texels}))  # image 1 could not be read

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,30 @@ class Arrays:
     cutouts: tuple[Cutout, ...]
     textures: dict[int, np.ndarray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+
+
+def same_arrays(a: MeshArrays, b: MeshArrays) -> bool:
+    """Whether two meshes have the same numbers."""
+    pairs = [(vars(a)[name], vars(b)[name]) for name in vars(a)]
+    return all(
+        x is y or (x is not None and y is not None and np.array_equal(x, y, equal_nan=False))
+        for x, y in pairs
+    )
+
+
+def reusing(new: Arrays, old: Arrays, pairs: Iterable[tuple[int, int]]) -> Arrays:
+    """`new` with the meshes of `old` wherever they have the same numbers, so that devices need not take them
+    again; `pairs` are indices of meshes that may be the same, in `new` and in `old`. Textures likewise."""
+    meshes = list(new.meshes)
+    for mine, other in pairs:
+        if same_arrays(meshes[mine], old.meshes[other]):
+            meshes[mine] = old.meshes[other]
+    before = list(old.textures.values())
+    textures = {
+        index: next((kept for kept in before if np.array_equal(kept, texels)), texels)
+        for index, texels in new.textures.items()
+    }
+    return replace(new, meshes=tuple(meshes), textures=textures)
 
 
 def bytes_of(value: Any) -> int:

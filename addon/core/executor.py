@@ -64,6 +64,7 @@ class _Context:
     graph: Graph | None = None
     chunk: Chunk | None = None
     passing: dict[tuple, Any] | None = field(default_factory=dict)
+    epoch: int = 0
     execution: Execution = field(default_factory=Execution)
 
 
@@ -95,6 +96,7 @@ class Executor:
         self.kept_surface_bytes = kept_surface_bytes
         self._kept: OrderedDict[tuple[str, str], Any] = OrderedDict()
         self._framed: OrderedDict[tuple, Any] = OrderedDict()
+        self._framed_bytes: dict[tuple, tuple[int, int]] = {}  # bytes, and the epoch that used it last
         self._broken: dict[tuple[str, str], str] = {}
         self._now = _Context()
 
@@ -145,11 +147,18 @@ class Executor:
             spread /= np.float32(sampling.samples)
             np.maximum(spread - image * image, 0.0, out=spread)
 
-    def frame(self, graph: Graph, chunk: Chunk) -> Iterator[float]:
+    def frame(
+        self, graph: Graph, chunk: Chunk, epoch: int = 0, execution: Execution | None = None
+    ) -> Iterator[float]:
         """A generator as `run`, of one chunk: a preview's frame. Values at its surface are kept too, so that
         the next frame of the same camera runs only what has changed. When it has ended, `layer_value` gives
-        the images, and `self.execution` tells what ran."""
-        context = _Context(graph, chunk, passing=None)
+        the images, and `self.execution` tells what ran.
+
+        Frames of one `epoch` make one picture (its tiles and samples): where not all fits into
+        `kept_surface_bytes`, what older epochs used goes first, and then what was made last, since the next
+        picture asks for all of it in the same order. `execution` goes on counting an earlier one's nodes.
+        """
+        context = _Context(graph, chunk, None, epoch, execution or Execution())
         nodes = graph.nodes()
         try:
             for done, node in enumerate(nodes, start=1):
@@ -172,8 +181,10 @@ class Executor:
         """The node's value on `device`, running or moving what that takes."""
         store, key = self._place(node, device)
         if key in store:
-            if isinstance(store, OrderedDict):
-                store.move_to_end(key)
+            if store is self._kept:
+                self._kept.move_to_end(key)
+            elif store is self._framed:
+                self._framed_bytes[key] = self._framed_bytes[key][0], self._now.epoch
             return store[key]
         for flagged in (self.primary, self.fallback):
             if flagged.cancel_flag.is_set():
@@ -191,11 +202,14 @@ class Executor:
             device.finish()
             self._time(node, f"{other.name} to {device.name}", time.perf_counter() - started)
         store[key] = value
+        if store is self._framed:
+            self._framed_bytes[key] = device.size_of(value), self._now.epoch
         return value
 
     def release(self) -> None:
         """Frees everything that was kept."""
         self._framed.clear()
+        self._framed_bytes.clear()
         self._drop_passing(self._now)
         self.kept_values, kept = 0, self.kept_values
         self._trim()
@@ -287,14 +301,19 @@ class Executor:
         while len(self._kept) > self.kept_values:
             (name, _), value = self._kept.popitem(last=False)
             devices[name].release(value)
-        sizes = [devices[key[0]].size_of(value) for key, value in self._framed.items()]
-        excess = sum(sizes) - self.kept_surface_bytes
-        for size in sizes:
+        excess = sum(size for size, _epoch in self._framed_bytes.values()) - self.kept_surface_bytes
+        if excess <= 0:
+            return
+        now = self._now.epoch
+        keys = list(self._framed)
+        older = [key for key in keys if self._framed_bytes[key][1] != now]
+        current = [key for key in keys if self._framed_bytes[key][1] == now]
+        for key in (*older, *reversed(current)):
             if excess <= 0:
                 break
             # Not freed by force: a step may hand on what it was given, so that another value shares it.
-            self._framed.popitem(last=False)
-            excess -= size
+            del self._framed[key]
+            excess -= self._framed_bytes.pop(key)[0]
 
 
 def drain(steps: Iterator[float], progress: Callable[[float], None] | None = None) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import strata_kernels
@@ -34,23 +35,27 @@ class CpuDevice:
         self.description = f"native kernels, {os.cpu_count()} threads"
         self._outline: Outline | None = None
         self._arrays: Arrays | None = None
+        self._meshes: WeakKeyDictionary[MeshArrays, strata_kernels.Mesh] = WeakKeyDictionary()
 
     def set_scene(self, outline: Outline, arrays: Arrays) -> None:
         """The scene that `geometry` is made of from now on."""
         self._outline, self._arrays = outline, arrays
 
     def geometry(self) -> strata_kernels.Geometry:
-        """Every instance of the scene, at its index in the outline."""
+        """Every instance of the scene, at its index in the outline. Meshes that an earlier scene had (the
+        same MeshArrays) are not read again."""
         geometry = strata_kernels.Geometry()
         for mesh in self._arrays.meshes:
-            geometry.add_mesh(
-                mesh.positions,
-                mesh.corner_vertices,
-                mesh.face_starts,
-                mesh.corner_normals,
-                mesh.corner_uvs,
-                mesh.face_slots,
-            )
+            if mesh not in self._meshes:
+                self._meshes[mesh] = strata_kernels.Mesh(
+                    mesh.positions,
+                    mesh.corner_vertices,
+                    mesh.face_starts,
+                    mesh.corner_normals,
+                    mesh.corner_uvs,
+                    mesh.face_slots,
+                )
+            geometry.add_shared_mesh(self._meshes[mesh])
         for cutout in self._arrays.cutouts:
             geometry.add_material(cutout.threshold, cutout.alpha, cutout.texels)
         for instance, matrix in zip(self._outline.instances, self._arrays.matrices, strict=True):

@@ -21,6 +21,7 @@ from ..core.shader import Shader
 from .gpu_geometry import GpuGeometry
 from .gpu_image import TABLE_WIDTH, GpuImage, from_texels, stack_columns, texture_format, to_texels
 from .gpu_image import texture_size as size_of
+from .gpu_meshes import GpuMeshes
 from .gpu_shader import captured_output, compiled
 
 SPLIT_TO_INTEGER = Shader(
@@ -54,7 +55,8 @@ class GpuDevice:
         self._arrays: Arrays | None = None
         self._vertices = None  # what batches draw: so many vertices of nothing
         self._vertex_count = 0
-        self._textures: dict[int, GpuImage] = {}
+        self._textures: dict[int, tuple[np.ndarray, GpuImage]] = {}  # by identity of the texels
+        self._meshes: GpuMeshes | None = None
         self._kept: dict[str, Any] = {}
         self._images: WeakSet[GpuImage] = WeakSet()
         self._gpu = _started()
@@ -70,20 +72,25 @@ class GpuDevice:
     def set_scene(self, outline: Outline, arrays: Arrays) -> None:
         """The scene that `geometry` is made of from now on."""
         self._outline, self._arrays = outline, arrays
-        self.release(self._textures)
-        self._textures = {}
+        used = {id(texels) for texels in arrays.textures.values()}
+        for key in self._textures.keys() - used:
+            self.release(self._textures.pop(key)[1])
 
     def geometry(self) -> GpuGeometry:
-        """Every instance of the scene, at its index in the outline."""
-        return GpuGeometry(self, self._outline, self._arrays)
+        """Every instance of the scene, at its index in the outline. Of meshes, only those that the last
+        scene did not have (the same MeshArrays) are uploaded."""
+        self._meshes = GpuMeshes.of(self, self._arrays.meshes, self._meshes)
+        return GpuGeometry(self, self._outline, self._arrays, self._meshes)
 
     def texture(self, image: int) -> GpuImage | None:
         """Texels of `outline.images[image]`, uploaded when first asked for; None where they could not be
         read."""
         texels = self._arrays.textures.get(image)
-        if texels is not None and image not in self._textures:
-            self._textures[image] = self.upload(np.asarray(texels, np.float32))
-        return self._textures.get(image)
+        if texels is None:
+            return None
+        if id(texels) not in self._textures:
+            self._textures[id(texels)] = texels, self.upload(np.asarray(texels, np.float32))
+        return self._textures[id(texels)][1]
 
     # Values
 

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from ..core.arrays import Arrays, Cutout, MeshArrays
+from ..core.arrays import Arrays, Cutout
 from ..core.outline import Outline
 from ..core.view import View
 from .gpu_image import GpuImage
+from .gpu_meshes import GpuMeshes, MeshPlace
 
 BLOCK = 64  # triangles; a draw list names the run of each block's first triangle (pull.glsl)
 HALF = 1 << 16  # integers travel as two halves, since a float32 is exact only below 2^24
-MOST_IN_A_MESH = 1 << 24
 
 
 def halves(values) -> np.ndarray:
@@ -46,104 +45,42 @@ class DrawList:
     ranges: tuple[Range, ...]
 
 
-@dataclass(frozen=True)
-class _Mesh:
-    """Where a mesh lies in the tables. `slots`: first triangle and count of each material slot in use."""
-
-    centre: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    first_vertex: int
-    slots: tuple[tuple[int, int, int], ...]
-
-
 class GpuGeometry:
-    """The scene's tables: positions and triangles at once, normals, uvs and alpha when first asked for.
+    """A scene's instances, and the tables of their meshes (GpuMeshes), which the next scene may share."""
 
-    Positions are stored relative to the middle of their mesh's box, which the matrices put back in float64:
-    float32 products then lose the fewest digits.
-    """
-
-    def __init__(self, device, outline: Outline, arrays: Arrays):
+    def __init__(self, device, outline: Outline, arrays: Arrays, meshes: GpuMeshes):
         self._device = device
         self._instances = outline.instances
+        self._tables_of_meshes = meshes
+        self._meshes = meshes.places
         self._matrices = np.asarray(arrays.matrices, np.float64).reshape(-1, 4, 4)
         self._cutouts = arrays.cutouts
-        self._sources: list[tuple[MeshArrays, np.ndarray]] = []
-        self._meshes: list[_Mesh] = []
-        self._tables: dict[str, Any] = {}
+        self._alphas: dict[int, GpuImage] = {}
         self._lists: dict[frozenset[int], DrawList] = {}
-        self._build(arrays.meshes)
-
-    def _build(self, meshes: tuple[MeshArrays, ...]) -> None:
-        from .cpu import triangulate  # here, so that programs compile where there are no kernels
-
-        positions, triangles = [np.zeros((0, 4), np.float32)], [np.zeros((0, 4), np.float32)]
-        vertex_count = triangle_count = 0
-        for mesh in meshes:
-            corners, faces = triangulate(mesh)
-            if max(len(mesh.positions), len(corners)) >= MOST_IN_A_MESH:
-                raise ValueError(f"a mesh has more than {MOST_IN_A_MESH} vertices or triangles")
-            slots = np.zeros(len(faces), np.int64)
-            if mesh.face_slots is not None:
-                slots = np.maximum(mesh.face_slots[faces].astype(np.int64), 0)
-            order = np.argsort(slots, kind="stable")
-            corners, slots = corners[order], slots[order]
-            vertices = mesh.corner_vertices[corners]
-            used = mesh.positions[np.unique(vertices)].astype(np.float64)
-            low = used.min(axis=0) if len(used) else np.zeros(3)
-            high = used.max(axis=0) if len(used) else np.zeros(3)
-            centre = (0.5 * low + 0.5 * high).astype(np.float32).astype(np.float64)
-            local = np.zeros((len(mesh.positions), 4), np.float32)
-            with np.errstate(invalid="ignore", over="ignore"):
-                local[:, :3] = mesh.positions - centre
-            positions.append(local)
-            triangles.append(np.concatenate([vertices, order[:, None]], axis=1).astype(np.float32))
-            self._meshes.append(_Mesh(centre, low, high, vertex_count, _slot_ranges(slots, triangle_count)))
-            self._sources.append((mesh, corners))
-            vertex_count += len(local)
-            triangle_count += len(corners)
-        self._tables["positions"] = self._device.upload_table(np.concatenate(positions))
-        self._tables["triangles"] = self._device.upload_table(np.concatenate(triangles))
 
     @property
     def positions(self) -> GpuImage:
-        """A row a vertex: x, y, z relative to its mesh's middle, 0."""
-        return self._tables["positions"]
+        """See GpuMeshes, as the three below."""
+        return self._tables_of_meshes.table("positions")
 
     @property
     def triangles(self) -> GpuImage:
-        """A row a triangle: its vertices, counted in its mesh, and its number in its mesh."""
-        return self._tables["triangles"]
+        return self._tables_of_meshes.table("triangles")
 
     @property
     def corner_normals(self) -> GpuImage:
-        """Three rows a triangle: unit shading normals in object space, zero for a flat mesh."""
-        return self._corner_table("corner_normals", 4)
+        return self._tables_of_meshes.table("corner_normals")
 
     @property
     def corner_uvs(self) -> GpuImage:
-        """Three rows a triangle; zero where the mesh has none."""
-        return self._corner_table("corner_uvs", 2)
-
-    def _corner_table(self, name: str, channels: int) -> GpuImage:
-        if name not in self._tables:
-            parts = [np.zeros((0, channels), np.float32)]
-            for mesh, corners in self._sources:
-                rows = np.zeros((corners.size, channels), np.float32)
-                values = getattr(mesh, name)
-                if values is not None:
-                    rows[:, : values.shape[1]] = values[corners.reshape(-1)]
-                parts.append(rows)
-            self._tables[name] = self._device.upload_table(np.concatenate(parts))
-        return self._tables[name]
+        return self._tables_of_meshes.table("corner_uvs")
 
     def alpha(self, material: int) -> tuple[GpuImage, float]:
         """Alpha texels of a material that `Range.material` names, and its threshold."""
-        name, cutout = f"alpha {material}", self._cutouts[material]
-        if name not in self._tables:
-            self._tables[name] = self._device.upload(np.asarray(cutout.texels, np.float32))
-        return self._tables[name], cutout.threshold
+        cutout = self._cutouts[material]
+        if material not in self._alphas:
+            self._alphas[material] = self._device.upload(np.asarray(cutout.texels, np.float32))
+        return self._alphas[material], cutout.threshold
 
     def draw_list(self, instances: frozenset[int]) -> DrawList:
         """What to draw of `instances`; kept, since many views draw the same."""
@@ -238,18 +175,11 @@ class GpuGeometry:
         return np.concatenate([axes @ linear, (moved @ axes.T)[:, :, None]], axis=2)
 
     def release(self) -> None:
-        """Frees the textures."""
+        """Frees the textures that are its own."""
         lists = [item for drawn in self._lists.values() for item in (drawn.runs, drawn.blocks)]
-        self._device.release([*self._tables.values(), *lists])
-        self._tables.clear()
+        self._device.release([*self._alphas.values(), *lists])
+        self._alphas.clear()
         self._lists.clear()
-
-
-def _slot_ranges(slots: np.ndarray, first_triangle: int) -> tuple[tuple[int, int, int], ...]:
-    """Slot, first triangle and count, of sorted `slots`."""
-    found, starts, counts = np.unique(slots, return_index=True, return_counts=True)
-    parts = zip(found.tolist(), starts.tolist(), counts.tolist(), strict=True)
-    return tuple((slot, first_triangle + start, count) for slot, start, count in parts)
 
 
 def _alpha_kind(cutout: Cutout) -> str:
@@ -261,7 +191,7 @@ def _alpha_kind(cutout: Cutout) -> str:
     return "opaque" if cutout.alpha >= cutout.threshold else "absent"
 
 
-def _box_corners(mesh: _Mesh) -> np.ndarray:
+def _box_corners(mesh: MeshPlace) -> np.ndarray:
     """(8, 3) corners of the mesh's box."""
     corners = np.stack([mesh.low, mesh.high])
     return np.array([[corners[i >> k & 1, k] for k in range(3)] for i in range(8)])

@@ -24,7 +24,7 @@ class Budget:
     """
 
     level: int = 2
-    map_level: int = 2
+    map_level: int = 3
 
     @property
     def scale(self) -> float:

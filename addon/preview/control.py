@@ -26,6 +26,7 @@ class _State:
         self.rendered: set[int] = set()  # those that the engine draws, in viewports that are shaded so
         self.sessions: dict[tuple, Session] = {}
         self.viewports: dict[int, Viewport] = {}  # by region
+        self.shown: dict[int, Session] = {}  # by region
         self.textures: dict[int, tuple[Any, Any]] = {}  # by region: picture and its texture
         self.tables: dict[tuple, Any] = {}  # view transforms by signature
         self.handles: list[Any] = []
@@ -124,6 +125,7 @@ def draw(context: bpy.types.Context, region: bpy.types.Region | None = None, enc
     options = options_of(scene, composite=True, probes=0)
     session = _session_of(scene, layer, space, options.backend)
     viewport = _state.viewports.setdefault(region.as_pointer(), Viewport())
+    _state.shown[region.as_pointer()] = session
     session.read(depsgraph, space, placement, options.seed)
     viewport.show(session, placement, options, settings.layer, settings.frame_budget_ms)
     picture = viewport.picture
@@ -180,6 +182,7 @@ def _forget() -> None:
         viewport.release()
     _state.sessions.clear()
     _state.viewports.clear()
+    _state.shown.clear()
     _state.textures.clear()
     _state.tables.clear()
     display.release()
@@ -222,7 +225,7 @@ def _depsgraph_updated(scene, depsgraph) -> None:
         return
     for (uid, *_), session in _state.sessions.items():
         if uid == scene.session_uid:
-            session.is_stale = True
+            session.changes.add(depsgraph)
 
 
 @persistent
@@ -267,7 +270,7 @@ def _tick() -> float | None:
             _state.tables[signature] = table
             region.tag_redraw()
         viewport = _state.viewports.get(region.as_pointer())
-        if viewport is None or not viewport.needs_work:
+        if viewport is None or not viewport.has_work:
             continue
         still = viewport.wait()
         if still > 0.0:
@@ -275,14 +278,16 @@ def _tick() -> float | None:
             continue
         budget = scene.strata.preview.frame_budget_ms
         try:
-            if viewport.advance(1e-3 * budget, budget):
+            session = _state.shown[region.as_pointer()]
+            if viewport.advance(1e-3 * budget, session.version, budget):
                 region.tag_redraw()
         except Exception as error:
             _failed(error)
             return None
-        if viewport.needs_work:
+        if viewport.has_work:
             wait = 0.0
     for pointer in set(_state.viewports) - set(alive):
         _state.viewports.pop(pointer).release()
         _state.textures.pop(pointer, None)
+        _state.shown.pop(pointer, None)
     return min(wait, IDLE_SECONDS)

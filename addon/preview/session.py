@@ -9,29 +9,31 @@ import bpy
 import numpy as np
 
 from ..bake import Options, plan_scene
-from ..core.arrays import Arrays
+from ..core.arrays import Arrays, reusing
 from ..core.culling import around
 from ..core.executor import Executor
 from ..core.graph import Graph
 from ..core.outline import Outline
 from ..devices.start import Devices, start_devices
+from ..effects.shared.look import seen_boxes
 from ..scene.extract import extract
-from ..scene.scan import ScanOptions, scan
+from ..scene.rescan import Changes, patched
+from ..scene.scan import Scan, ScanOptions, scan
 from ..scene.viewport import Placement, hides_objects, shown_in
 
-KEPT_SURFACE_BYTES = 512 << 20
-KEPT_VALUES = 256
+KEPT_SURFACE_BYTES = 1 << 30
+KEPT_VALUES = 128
 _versions = count(1)  # of all sessions, so that no two ever share a value by mistake
 
 
 class Session:
     """What all viewports of one scene and view layer share that show the same objects.
 
-    `version` changes with everything that is read from Blender. Only on the main thread.
+    `version` changes with everything that is read from Blender, `outline.version` with what is more than
+    lights. Only on the main thread.
     """
 
     def __init__(self, backend: str):
-        self.backend = backend
         self.devices: Devices = start_devices(backend)
         self.executor = Executor(
             self.devices.primary,
@@ -40,32 +42,60 @@ class Session:
             kept_surface_bytes=KEPT_SURFACE_BYTES,
         )
         self.outline: Outline | None = None
-        self.arrays: Arrays | None = None
         self.version = 0
-        self.is_stale = True
+        self.changes = Changes(all=True)
+        self._scan: Scan | None = None
+        self._arrays: Arrays | None = None
+        self._objects = -1
+        self._looks: dict[tuple, np.ndarray] = {}
 
     def read(
-        self,
-        depsgraph: bpy.types.Depsgraph,
-        space: bpy.types.SpaceView3D | None,
-        placement: Placement,
-        seed: int,
+        self, depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D, placement: Placement, seed: int
     ) -> None:
-        """Reads the scene again if it was marked stale; `space` is the viewport whose visibility counts."""
-        if not self.is_stale:
+        """Reads what has changed; `space` is the viewport whose visibility counts."""
+        frame, objects = depsgraph.scene.frame_current, len(depsgraph.objects)
+        is_other = self.outline is None or self.outline.frame != frame or self._objects != objects
+        if not (self.changes or is_other):
             return
-        hides = space is not None and hides_objects(space)
-        shows = (lambda thing: shown_in(space, thing)) if hides else None
-        found = scan(depsgraph, ScanOptions(size=(2, 2), camera=placement.camera, seed=seed, shows=shows))
-        self.arrays = extract(found)
+        changes, self.changes, self._objects = self.changes, Changes(), objects
+        if is_other or not self._patch(changes, depsgraph):
+            shows = (lambda thing: shown_in(space, thing)) if hides_objects(space) else None
+            asked = ScanOptions(size=(2, 2), camera=placement.camera, seed=seed, shows=shows)
+            self._take(scan(depsgraph, asked))
         self.version = next(_versions)
-        self.outline = replace(found.outline, version=self.version)
-        self.is_stale = False
 
-    def feed(self) -> None:
-        """Tells the devices which scene geometry is made of: sessions may share devices."""
+    def _patch(self, changes: Changes, depsgraph: bpy.types.Depsgraph) -> bool:
+        """Reads only lights and places again, if that is all."""
+        outline = patched(self._scan, changes, depsgraph)
+        if outline is None:
+            return False
+        if changes.moved:
+            outline = replace(outline, version=next(_versions))
+            matrices = np.array([instance.matrix for instance in outline.instances], np.float64)
+            self._feed(outline, replace(self._arrays, matrices=matrices.reshape(-1, 4, 4)))
+        self._keep(replace(self._scan, outline=outline))
+        return True
+
+    def _take(self, found: Scan) -> None:
+        """A whole new scan; meshes that are still the same stay with the devices."""
+        arrays = extract(found)
+        if self._arrays is not None:
+            before = {mesh.key: index for index, mesh in enumerate(self.outline.meshes)}
+            keys = [mesh.key for mesh in found.outline.meshes]
+            pairs = [(index, before[key]) for index, key in enumerate(keys) if key in before]
+            arrays = reusing(arrays, self._arrays, pairs)
+        outline = replace(found.outline, version=next(_versions))
+        self._feed(outline, arrays)
+        # Blender's own data is not to be kept, and not needed: what it is made of is in `arrays`.
+        self._keep(replace(found, outline=outline, mesh_sources=(), image_sources=()))
+
+    def _feed(self, outline: Outline, arrays: Arrays) -> None:
+        self._arrays = arrays
         for device in {self.devices.primary, self.devices.fallback}:
-            device.set_scene(self.outline, self.arrays)
+            device.set_scene(outline, arrays)
+
+    def _keep(self, found: Scan) -> None:
+        self._scan, self.outline = found, found.outline
 
     def moving_plan(self, placement: Placement, scale: float, options: Options) -> tuple[Outline, Graph]:
         """For a frame while something moves: no map depends on where the camera is, so that a moved camera
@@ -77,9 +107,22 @@ class Session:
         return outline, plan_scene(outline, options)
 
     def still_plan(self, placement: Placement, options: Options) -> tuple[Outline, Graph]:
-        """The bake's own first plan, for a picture of a pixel to each of the viewport's."""
+        """The bake's own, with its coarse look, for a pixel of the picture to each of the viewport's."""
         outline = placement.seen_from(self.outline, 1.0)
-        return outline, plan_scene(outline, options)
+        graph = plan_scene(outline, options)
+        if graph.surface is None:
+            return outline, graph
+        visible = graph.surface.params["visible"]
+        key = (outline.version, outline.view, outline.computed_size, visible)
+        if key not in self._looks:
+            geometry = self.executor.value(graph.surface.inputs[0], self.devices.fallback)
+            self._looks.clear()
+            self._looks[key] = seen_boxes(self.devices.fallback, geometry, outline, visible)
+        boxes = self._looks[key]
+        if len(boxes):
+            outline = replace(outline, seen=boxes)
+            graph = plan_scene(outline, options)
+        return outline, graph
 
     def release(self) -> None:
         self.executor.release()
@@ -89,7 +132,3 @@ def lighter(options: Options, share: float) -> Options:
     """Options for a frame of about `share` of the work."""
     values = {effect.id: params.lighter(share).as_dict() for effect, params in options.chosen().items()}
     return replace(options, values=values, samples=1, probes=0)
-
-
-def mean_of(sums: np.ndarray, samples: int) -> np.ndarray:
-    return sums / np.float32(samples)

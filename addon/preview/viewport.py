@@ -5,28 +5,32 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import count
 from typing import Any
 
 import numpy as np
 
-from ..bake import Options, plan_scene
+from ..bake import Options
 from ..core.executor import Execution
 from ..core.graph import Graph, PlannedLayer
 from ..core.sampling import Sampling
 from ..core.surface import Chunk
-from ..effects.shared.look import seen_boxes
 from ..scene.viewport import Placement
 from .budget import Budget
-from .session import Session, lighter, mean_of
+from .estimate import resolution_error, sampling_error
+from .session import Session, lighter
 
 STILL_SECONDS = 0.2
-TILE_PIXELS = 1 << 16
+TILE_PIXELS = 1 << 16  # so that a node does not take much longer than a frame
+_epochs = count(1)
 
 
 @dataclass
 class Statistics:
-    """Of what a viewport shows. `steps`: milliseconds and runs by step and instance, of the last frame or of
-    the refinement so far. `ran`: how many nodes the last frame ran."""
+    """Of what a viewport shows. `frame_ms`: from the change to the picture. `steps`: milliseconds and runs by
+    step and instance, of the last frame, or of the refinement so far. `ran`: how many nodes that were.
+    `error`: estimated distance to the converged picture, relative to its brightness (`estimate.py`);
+    `message` stands for a picture where there is none."""
 
     frame_ms: float = 0.0
     scale: float = 1.0
@@ -64,99 +68,105 @@ class Viewport:
         self.budget = Budget()
         self.statistics = Statistics()
         self.picture: Picture | None = None
-        self.signature: tuple | None = None
-        self.changed_at = 0.0
-        self._refinement: Iterator[None] | None = None
+        self._asked: tuple | None = None
+        self._changed_at = 0.0
+        self._work: Iterator[None] | None = None
         self._costs: list[tuple[float, float]] = []
 
     def show(
         self, session: Session, placement: Placement, options: Options, layer: str, budget_ms: float
     ) -> bool:
         """Makes a frame if anything has changed since the last; whether it did."""
-        signature = (session.version, placement, options, layer)
-        if _same(signature, self.signature):
+        asked = (session.version, placement, options, layer)
+        if asked == self._asked:
             return False
-        self.signature = signature
-        self.changed_at = time.monotonic()
-        self._refinement = None
+        self._asked = asked
+        self._changed_at = time.monotonic()
         self._frame(session, placement, options, layer, budget_ms)
-        self._refinement = self._refine(session, placement, options, layer)
+        self._work = self._still(session, placement, options, layer)
         return True
 
     @property
-    def needs_work(self) -> bool:
-        return self._refinement is not None
+    def has_work(self) -> bool:
+        """Whether `advance` has anything to do, now or once it is still."""
+        return self._work is not None
 
     def wait(self) -> float:
         """Seconds until it is still."""
-        return max(0.0, self.changed_at + STILL_SECONDS - time.monotonic())
+        return max(0.0, self._changed_at + STILL_SECONDS - time.monotonic())
 
-    def advance(self, seconds: float, budget_ms: float) -> bool:
-        """Refines for about so long; whether there is a new picture. Raises what steps raise."""
+    def advance(self, seconds: float, session_version: int, budget_ms: float) -> bool:
+        """Refines for about so long, by one step at least; whether there is a new picture. Raises what
+        steps raise."""
+        if self._asked is None or session_version != self._asked[0]:
+            self._work = None  # overtaken by a change that is not drawn yet
+            return False
         if self._costs:
-            scene, surface = np.mean(self._costs[-8:], axis=0)
-            self.budget.settle(budget_ms, scene, surface)
+            self.budget.settle(budget_ms, *np.median(self._costs[-8:], axis=0))
             self._costs.clear()
         before = self.picture
         end = time.perf_counter() + seconds
-        while self._refinement is not None and time.perf_counter() < end and self.picture is before:
-            if next(self._refinement, self) is self:
-                self._refinement = None
+        while self._work is not None:
+            if next(self._work, self) is self:
+                self._work = None
+            if self.picture is not before or time.perf_counter() >= end:
+                break
         return self.picture is not before
 
     def release(self) -> None:
-        self.picture = self._refinement = self.signature = None
+        self.picture = self._work = self._asked = None
 
     def _frame(self, session, placement: Placement, options: Options, name: str, budget_ms: float) -> None:
+        """The picture at once, at the budget's scale."""
         started = time.perf_counter()
-        scale = self.budget.scale
-        light = lighter(options, self.budget.map_share)
-        outline, graph = session.moving_plan(placement, scale, light)
-        session.feed()
-        layer = layer_of(graph, name)
-        if layer is None:
+        prepared = self._moving(session, placement, options, name)
+        if prepared is None:
             self.picture = None
             self.statistics = Statistics(message=f"no layer '{name}'" if name else "nothing is in view")
             return
-        graph = replace(graph, layers=(layer,))
-        width, height = outline.computed_size
-        chunk = Chunk(width, height, 0, height, 0, (0.0, 0.0))
-        for _share in session.executor.frame(graph, chunk):
+        graph, layer, chunk = prepared
+        executor = session.executor
+        for _share in executor.frame(graph, chunk, next(_epochs)):
             pass
-        device, value = session.executor.layer_value(layer)
-        if device.name == "cpu":
-            value = device.to_host(value)
+        device, value = executor.layer_value(layer)
+        execution = executor.execution
+        scale, map_share = self.budget.scale, self.budget.map_share
         self.picture = Picture(value, placement.place(*placement.sizes(scale)), len(layer.channels) > 1)
-        self._count(session.executor.execution, started)
-        scene_ms = sum(
-            1e3 * timing.seconds
-            for timing in session.executor.execution.timings.values()
-            if not timing.node.per_surface
-        )
-        surface_ms = sum(
-            1e3 * timing.seconds
-            for timing in session.executor.execution.timings.values()
-            if timing.node.per_surface
-        )
-        self._costs.append((scene_ms, surface_ms))
-        self.statistics.scale, self.statistics.map_share = scale, self.budget.map_share
-        self.statistics.samples, self.statistics.of_samples = 0, options.samples
-        self.budget.coarser(budget_ms, scene_ms, surface_ms)
+        self._count(execution, started)
+        statistics = self.statistics
+        statistics.scale, statistics.map_share = scale, map_share
+        statistics.of_samples = options.samples
+        statistics.error = resolution_error(value) if device.name == "cpu" else None
+        costs = [0.0, 0.0]
+        for timing in execution.timings.values():
+            costs[timing.node.per_surface] += 1e3 * timing.seconds
+        self._costs.append(tuple(costs))
+        self.budget.coarser(budget_ms, *costs)
 
-    def _refine(self, session: Session, placement: Placement, options: Options, name: str) -> Iterator[None]:
-        """The bake, to the last bit, but for its measurement: coarse look, plan, samples."""
+    def _moving(self, session: Session, placement: Placement, options: Options, name: str):
+        """Graph, layer and chunk of a frame while something moves; None where there is no such layer."""
+        light = lighter(options, self.budget.map_share)
+        outline, graph = session.moving_plan(placement, self.budget.scale, light)
+        layer = layer_of(graph, name)
+        if layer is None:
+            return None
+        width, height = outline.computed_size
+        return replace(graph, layers=(layer,)), layer, Chunk(width, height, 0, height, 0, (0.0, 0.0))
+
+    def _still(self, session: Session, placement: Placement, options: Options, name: str) -> Iterator[None]:
+        """First the bake's picture, to the last bit; then what the next movement will want to find."""
+        yield from self._refined(session, placement, options, name)
+        prepared = self._moving(session, placement, options, name)
+        if prepared is not None:
+            graph, _layer, chunk = prepared
+            for _share in session.executor.frame(graph, chunk, next(_epochs)):
+                yield
+
+    def _refined(self, session: Session, placement: Placement, options: Options, name: str) -> Iterator[None]:
+        """The bake, but for its measurement: coarse look, plan, sample by sample, their mean shown."""
         started = time.perf_counter()
         outline, graph = session.still_plan(placement, options)
         yield
-        executor, fallback = session.executor, session.devices.fallback
-        if graph.surface is not None:
-            session.feed()
-            geometry = executor.value(graph.surface.inputs[0], fallback)
-            boxes = seen_boxes(fallback, geometry, outline, graph.surface.params["visible"])
-            if len(boxes):
-                outline = replace(outline, seen=boxes)
-                graph = plan_scene(outline, options)
-            yield
         layer = layer_of(graph, name)
         if layer is None:
             return
@@ -169,39 +179,34 @@ class Viewport:
             tile_pixels=TILE_PIXELS,
             is_progressive=True,
         )
-        session.feed()
-        shown = 0
-        execution = None
-        for _share in executor.run(graph, sampling):
-            execution = executor.execution
-            if execution.samples > shown and execution.samples < options.samples:
-                shown = execution.samples
-                pixels = mean_of(execution.images[layer.name], shown)
-                self._show(execution, pixels, place, layer, started, shown, options.samples)
+        executor, epoch, execution = session.executor, next(_epochs), Execution()
+        total = squares = None
+        for chunk in sampling.chunks():
+            for _share in executor.frame(graph, chunk, epoch, execution):
+                yield
+            device, value = executor.layer_value(layer)
+            tile = device.to_host(value)
+            if total is None:
+                shape = (sampling.height, *tile.shape[1:])
+                total, squares = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+            total[chunk.y0 : chunk.y1] += tile
+            squares[chunk.y0 : chunk.y1] += tile * tile
+            if chunk.y1 == sampling.height:
+                samples = chunk.sample + 1
+                self.picture = Picture(total / np.float32(samples), place, len(layer.channels) > 1)
+                self._count(execution, started)
+                self.statistics.samples, self.statistics.of_samples = samples, options.samples
+                self.statistics.error = sampling_error(total, squares, samples, options.samples)
+                self.statistics.is_converged = samples == options.samples
             yield
-            session.feed()
-        pixels = execution.images[layer.name]
-        self._show(execution, pixels, place, layer, started, options.samples, options.samples)
-        self.statistics.is_converged = True
-
-    def _show(
-        self, execution: Execution, pixels, place, layer, started, samples: int, of_samples: int
-    ) -> None:
-        self.picture = Picture(pixels, place, len(layer.channels) > 1)
-        self._count(execution, started)
-        self.statistics.scale = self.statistics.map_share = 1.0
-        self.statistics.samples, self.statistics.of_samples = samples, of_samples
 
     def _count(self, execution: Execution, started: float) -> None:
+        timings = execution.timings.values()
         self.statistics = Statistics(
             frame_ms=1e3 * (time.perf_counter() - started),
-            ran=sum(timing.runs for timing in execution.timings.values()),
+            ran=sum(timing.runs for timing in timings),
             steps={
                 (timing.node.step.name, timing.node.instance): (1e3 * timing.seconds, timing.runs)
-                for timing in execution.timings.values()
+                for timing in timings
             },
         )
-
-
-def _same(a: tuple, b: tuple | None) -> bool:
-    return b is not None and a == b

@@ -41,11 +41,16 @@ class ScanOptions:
 @dataclass(frozen=True, eq=False)
 class Scan:
     """The outline, and Blender's data behind its meshes and images: to be extracted from before the depsgraph
-    changes, and not to be kept."""
+    changes, and not to be kept. `mesh_owners` are session ids of the objects that make the meshes; by the
+    outline's indices, `instance_owners` and `light_owners` are those of objects that stand for themselves, 0
+    for what an instancer makes."""
 
     outline: Outline
     mesh_sources: tuple[bpy.types.Mesh, ...]
     image_sources: tuple[bpy.types.Image, ...]
+    mesh_owners: tuple[int, ...] = ()
+    instance_owners: tuple[int, ...] = ()
+    light_owners: tuple[int, ...] = ()
 
 
 def scan(depsgraph: bpy.types.Depsgraph, options: ScanOptions = ScanOptions()) -> Scan:
@@ -63,6 +68,9 @@ class _Scanner:
     material_indices: dict[int, int] = field(default_factory=dict)
     meshes: list[Mesh] = field(default_factory=list)
     mesh_sources: list[bpy.types.Mesh] = field(default_factory=list)
+    mesh_owners: list[int] = field(default_factory=list)
+    instance_owners: list[int] = field(default_factory=list)
+    light_owners: list[int] = field(default_factory=list)
     mesh_bounds: list[np.ndarray] = field(default_factory=list)
     mesh_indices: dict[int, int] = field(default_factory=dict)
     mesh_keys: dict[str, int] = field(default_factory=dict)
@@ -112,7 +120,14 @@ class _Scanner:
             seed=self.options.seed,
             **view,
         )
-        return Scan(outline, tuple(self.mesh_sources), tuple(self.images.sources))
+        return Scan(
+            outline,
+            tuple(self.mesh_sources),
+            tuple(self.images.sources),
+            tuple(self.mesh_owners),
+            tuple(self.instance_owners),
+            tuple(self.light_owners),
+        )
 
     def _is_shown(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> bool:
         if self.options.shows is None:
@@ -161,6 +176,7 @@ class _Scanner:
             matrix = instance.matrix_world
             self.instances.append(look)
             self.objects.append(original)
+            self.instance_owners.append(0 if instance.is_instance else original.session_uid)
             self.matrices.append((*matrix[0], *matrix[1], *matrix[2], *matrix[3]))
 
     def _look(self, instance, shown: bpy.types.Object, owner: bpy.types.Object, mesh: bpy.types.Mesh) -> dict:
@@ -188,6 +204,7 @@ class _Scanner:
         triangles = len(mesh.loops) - 2 * len(mesh.polygons)
         self.meshes.append(Mesh(mesh.name, f"{name}#{count}", len(mesh.vertices), triangles))
         self.mesh_sources.append(mesh)
+        self.mesh_owners.append(shown.original.session_uid)
         box = np.array([corner[:] for corner in shown.bound_box], np.float64)
         if not np.isfinite(box).all():
             box = _finite_positions(mesh)
@@ -236,6 +253,7 @@ class _Scanner:
         kept = np.flatnonzero(usable).tolist()
         looks = [self.instances[index] for index in kept]
         self.objects = [self.objects[index] for index in kept]
+        self.instance_owners = [self.instance_owners[index] for index in kept]
         boxes = np.array(self.mesh_bounds).reshape(-1, 2, 3)[[look["mesh"] for look in looks]]
         # The box of a transformed box (Arvo, Graphics Gems 1990).
         centres = np.einsum("nij,nj->ni", matrices[:, :3, :3], boxes.mean(axis=1)) + matrices[:, :3, 3]
@@ -261,6 +279,7 @@ class _Scanner:
         if light is not None:
             self.lights.append(replace(light, own=own_settings_of(shown.data)))
             self.light_objects.append((shown.original, parent.original))
+            self.light_owners.append(0 if instance.is_instance else shown.original.session_uid)
 
     def _lights_with_objects(self):
         return zip(self.lights, self.light_objects, strict=True)

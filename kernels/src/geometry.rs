@@ -125,27 +125,28 @@ fn rows<const N: usize>(array: &PyReadonlyArray2<'_, f32>, what: &str) -> PyResu
     Ok(array.as_slice()?.as_chunks::<N>().0.to_vec())
 }
 
-#[pymethods]
-impl Geometry {
-    #[new]
-    pub fn new() -> Self {
-        Self::default()
-    }
+/// A mesh for any number of geometries: a scene of which one object changes triangulates that one again.
+#[pyclass(name = "Mesh", frozen)]
+pub struct SharedMesh {
+    mesh: Arc<Mesh>,
+}
 
-    /// Adds polygons and returns the mesh's index. `positions` (V, 3) f32 in object space;
-    /// `corner_vertices` (C,) i32; `face_starts` (F + 1,) i32; `corner_normals` (C, 3) f32 or None for a
-    /// flat mesh; `corner_uvs` (C, 2) f32 or None; `face_slots` (F,) i32 or None. Raises ValueError on
-    /// indices out of range; faces with a vertex that is not finite are dropped.
+#[pymethods]
+impl SharedMesh {
+    /// Polygons. `positions` (V, 3) f32 in object space; `corner_vertices` (C,) i32; `face_starts` (F + 1,) i32;
+    /// `corner_normals` (C, 3) f32 or None for a flat mesh; `corner_uvs` (C, 2) f32 or None; `face_slots` (F,)
+    /// i32 or None. Raises ValueError on indices out of range; faces with a vertex that is not finite are
+    /// dropped.
+    #[new]
     #[pyo3(signature = (positions, corner_vertices, face_starts, corner_normals=None, corner_uvs=None, face_slots=None))]
-    pub fn add_mesh(
-        &mut self,
+    pub fn new(
         positions: PyReadonlyArray2<'_, f32>,
         corner_vertices: PyReadonlyArray1<'_, i32>,
         face_starts: PyReadonlyArray1<'_, i32>,
         corner_normals: Option<PyReadonlyArray2<'_, f32>>,
         corner_uvs: Option<PyReadonlyArray2<'_, f32>>,
         face_slots: Option<PyReadonlyArray1<'_, i32>>,
-    ) -> PyResult<usize> {
+    ) -> PyResult<Self> {
         let positions: Vec<[f32; 3]> = rows(&positions, "positions")?;
         let corner_vertices = checked_corners(corner_vertices.as_slice()?, positions.len())?;
         let (triangles, faces) = triangulate(&positions, &corner_vertices, face_starts.as_slice()?)
@@ -173,15 +174,50 @@ impl Geometry {
                     .collect()
             }
         };
-        let data = self.edit()?;
-        data.meshes.push(Arc::new(Mesh {
+        let mesh = Arc::new(Mesh {
             positions,
             corner_vertices,
             triangles,
             corner_normals,
             corner_uvs,
             triangle_slots,
-        }));
+        });
+        Ok(SharedMesh { mesh })
+    }
+}
+
+#[pymethods]
+impl Geometry {
+    #[new]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds polygons, as `Mesh` takes them, and returns the mesh's index.
+    #[pyo3(signature = (positions, corner_vertices, face_starts, corner_normals=None, corner_uvs=None, face_slots=None))]
+    pub fn add_mesh(
+        &mut self,
+        positions: PyReadonlyArray2<'_, f32>,
+        corner_vertices: PyReadonlyArray1<'_, i32>,
+        face_starts: PyReadonlyArray1<'_, i32>,
+        corner_normals: Option<PyReadonlyArray2<'_, f32>>,
+        corner_uvs: Option<PyReadonlyArray2<'_, f32>>,
+        face_slots: Option<PyReadonlyArray1<'_, i32>>,
+    ) -> PyResult<usize> {
+        self.add_shared_mesh(&SharedMesh::new(
+            positions,
+            corner_vertices,
+            face_starts,
+            corner_normals,
+            corner_uvs,
+            face_slots,
+        )?)
+    }
+
+    /// Adds a mesh that other geometry may hold too, and returns its index.
+    pub fn add_shared_mesh(&mut self, mesh: &SharedMesh) -> PyResult<usize> {
+        let data = self.edit()?;
+        data.meshes.push(mesh.mesh.clone());
         Ok(data.meshes.len() - 1)
     }
 
@@ -256,5 +292,6 @@ impl Geometry {
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<SharedMesh>()?;
     module.add_class::<Geometry>()
 }

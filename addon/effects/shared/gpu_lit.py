@@ -74,7 +74,7 @@ def variants() -> Iterator[Shader]:
             yield _join_variant(blend, grey)
 
 
-def material_colour(device, surface, colours, images):
+def material_colour(device, surface, colours, images, version):
     """An image (h, w, 4), as the kernel of the same name."""
     found = surface["material"]
     shape = found.shape[:2]

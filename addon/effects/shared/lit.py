@@ -14,7 +14,7 @@ from . import gpu_lit
 LIT = LayerKind(title="Lit", channels="RGBA", metric=Metric.RELATIVE_L2, per_light=True)
 
 
-def _material_colour(device, surface, colours, images):
+def _material_colour(device, surface, colours, images, version):
     """(h, w, 4) float32: the colour of each point's material, alpha 1; all 0 where there is no surface."""
     table = np.zeros((len(colours) + 1, 4), np.float32)
     table[:-1, :3] = np.reshape(colours, (-1, 3))
@@ -113,7 +113,15 @@ def base_colour(recorder: Recorder, outline: Outline) -> Node:
         recorder.wants("uv", "base_color")
     surface = recorder.surface_with("material", *(("uv",) if images else ()))
     colours = tuple(material.base_color for material in outline.materials)
-    return recorder.step(MATERIAL_COLOUR, surface, instance="base colour", colours=colours, images=images)
+    return recorder.step(
+        MATERIAL_COLOUR,
+        surface,
+        instance="base colour",
+        colours=colours,
+        images=images,
+        # Textures are told apart by index only, which is all there is while a scene stands still.
+        version=outline.version if images else 0,
+    )
 
 
 def emission(recorder: Recorder, outline: Outline, visible: frozenset[int]) -> Node | None:
@@ -123,7 +131,7 @@ def emission(recorder: Recorder, outline: Outline, visible: frozenset[int]) -> N
     if not any(any(colours[material]) for material in used):
         return None
     surface = recorder.surface_with("material")
-    return recorder.step(MATERIAL_COLOUR, surface, instance="emission", colours=colours, images=())
+    return recorder.step(MATERIAL_COLOUR, surface, instance="emission", colours=colours, images=(), version=0)
 
 
 def irradiance(recorder: Recorder, outline: Outline, light: Light) -> Node:
