@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import traceback
+from collections.abc import Iterator
 from typing import Any
 
 import bpy
 from bpy.app.handlers import persistent
 
-from ..core.errors import StrataError
+from ..core.errors import ShaderError, StrataError
 from ..scene.viewport import hides_objects, placement_of
 from ..ui.properties import options_of
 from . import caption, display, view_transform
@@ -16,21 +17,24 @@ from .session import Session
 from .viewport import Statistics, Viewport
 
 IDLE_SECONDS = 0.05
+ENGINE_ID = "STRATA"
+MOST_TABLES = 4
 
 
 class _State:
-    """Everything that lives while the preview is on; nothing of it is saved."""
+    """Everything that lives while something is shown; nothing of it is saved."""
 
     def __init__(self):
         self.scenes: set[int] = set()  # session ids of scenes that are watched
         self.rendered: set[int] = set()  # those that the engine draws, in viewports that are shaded so
         self.sessions: dict[tuple, Session] = {}
-        self.viewports: dict[int, Viewport] = {}  # by region
-        self.shown: dict[int, Session] = {}  # by region
-        self.textures: dict[int, tuple[Any, Any]] = {}  # by region: picture and its texture
-        self.tables: dict[tuple, Any] = {}  # view transforms by signature
+        self.viewports: dict[int, Viewport] = {}  # these three by region
+        self.shown: dict[int, Session] = {}
+        self.textures: dict[int, tuple[Any, Any]] = {}  # a picture, and its texture
+        self.tables: dict[tuple, Any] = {}  # view transforms by signature: arrays, then textures
         self.handles: list[Any] = []
         self.failure = ""
+        self.is_running = False
 
 
 _state = _State()
@@ -42,9 +46,9 @@ def available() -> str:
         return "Blender runs without a window"
     if _state.failure:
         return _state.failure
-    try:
-        import gpu
+    import gpu
 
+    try:
         gpu.platform.renderer_get()
     except SystemError as error:
         return f"no GPU drawing: {error}"
@@ -67,8 +71,7 @@ def enable(scene: bpy.types.Scene) -> None:
             add(_draw_view, (), "WINDOW", "POST_VIEW"),
             add(_draw_text, (), "WINDOW", "POST_PIXEL"),
         ]
-    if not bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.register(_tick, first_interval=0.0, persistent=True)
+    _start()
     _redraw()
 
 
@@ -82,18 +85,15 @@ def disable(scene: bpy.types.Scene | None = None) -> None:
         for handle in _state.handles:
             bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
         _state.handles.clear()
-    if not _watched():
-        if bpy.app.timers.is_registered(_tick):
-            bpy.app.timers.unregister(_tick)
-        _forget()
     _redraw()
+    if scene is None:
+        _stop()
 
 
 def follow(scene: bpy.types.Scene) -> None:
     """Refines what the engine draws of the scene, until `unfollow`. Costs nothing when asked again."""
     _state.rendered.add(scene.session_uid)
-    if not bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.register(_tick, first_interval=0.0, persistent=True)
+    _start()
 
 
 def unfollow(scene: int) -> None:
@@ -101,96 +101,119 @@ def unfollow(scene: int) -> None:
     _state.rendered.discard(scene)
 
 
-def _watched() -> set[int]:
-    return _state.scenes | _state.rendered
-
-
 def state_of(region: bpy.types.Region) -> Statistics | None:
-    """What the preview shows in a region, None where nothing."""
+    """What is shown in a region, None where nothing is."""
     viewport = _state.viewports.get(region.as_pointer())
     return viewport.statistics if viewport else None
 
 
 def draw(context: bpy.types.Context, region: bpy.types.Region | None = None, encodes: bool = False) -> None:
     """Draws the picture of the viewport at hand into the bound framebuffer, making it first where something
-    has changed; `encodes` as in `display.draw_picture`."""
+    has changed; `encodes` as in `display.draw_picture`. What keeps it from a picture, such as nothing in
+    view, is in `state_of(region).message`."""
     region = region or context.region
     space, region_3d = context.space_data, context.region_data
     if region is None or space is None or region_3d is None:
         return
-    scene, layer = context.scene, context.view_layer
-    settings = scene.strata.preview
-    depsgraph = context.evaluated_depsgraph_get()
-    placement = placement_of(scene, space, region_3d, (region.width, region.height), depsgraph)
-    options = options_of(scene, composite=True, probes=0)
-    session = _session_of(scene, layer, space, options.backend)
     viewport = _state.viewports.setdefault(region.as_pointer(), Viewport())
-    _state.shown[region.as_pointer()] = session
-    session.read(depsgraph, space, placement, options.seed)
-    viewport.show(session, placement, options, settings.layer, settings.frame_budget_ms)
-    picture = viewport.picture
+    try:
+        picture = _picture(context, region, space, region_3d, viewport)
+    except StrataError as error:
+        viewport.release()
+        viewport.statistics = Statistics(message=str(error))
+        return
     if picture is None:
         return
     kept = _state.textures.get(region.as_pointer())
     if kept is None or kept[0] is not picture:
         texture = getattr(picture.pixels, "texture", None) or display.picture_texture(picture.pixels)
         kept = _state.textures[region.as_pointer()] = (picture, texture)
-    table = _state.tables.get(view_transform.signature(scene)) if picture.is_colour else None
-    display.draw_picture(
-        kept[1],
-        4 if picture.is_colour else 1,
-        picture.place,
-        (region.width, region.height),
-        table,
-        view_transform.exposure_factor(scene),
-        encodes,
-    )
+    size = (region.width, region.height)
+    channels = 4 if picture.is_colour else 1
+    table = _table(context.scene) if picture.is_colour else None
+    exposure = view_transform.exposure_factor(context.scene)
+    display.draw_picture(kept[1], channels, picture.place, size, table, exposure, encodes)
 
 
 def register() -> None:
-    for handlers, function in _handlers():
-        if function not in handlers:
-            handlers.append(function)
+    """Nothing is there before something is to be shown."""
 
 
 def unregister() -> None:
     _state.rendered.clear()
     disable()
-    for handlers, function in _handlers():
-        if function in handlers:
-            handlers.remove(function)
 
 
-def _handlers():
-    """Blender's lists, and what belongs into each."""
-    handlers = bpy.app.handlers
-    return (handlers.depsgraph_update_post, _depsgraph_updated), (handlers.load_pre, _file_closing)
-
-
-def _session_of(scene, layer, space, backend: str) -> Session:
-    own = space.as_pointer() if hides_objects(space) else 0
-    key = (scene.session_uid, layer.name, own, backend)
+def _picture(context, region, space, region_3d, viewport: Viewport):
+    scene, settings = context.scene, context.scene.strata.preview
+    depsgraph = context.evaluated_depsgraph_get()
+    placement = placement_of(scene, space, region_3d, (region.width, region.height), depsgraph)
+    options = options_of(scene, composite=True, probes=0)
+    key = (scene.session_uid, context.view_layer.name, _own(space), options.backend)
     if key not in _state.sessions:
-        _state.sessions[key] = Session(backend)
-    return _state.sessions[key]
+        _state.sessions[key] = Session(options.backend)
+    session = _state.shown[region.as_pointer()] = _state.sessions[key]
+    session.read(depsgraph, space, placement, options.seed)
+    viewport.show(session, placement, options, settings.layer, settings.frame_budget_ms)
+    return viewport.picture
 
 
-def _forget() -> None:
-    for session in _state.sessions.values():
-        session.release()
-    for viewport in _state.viewports.values():
-        viewport.release()
-    _state.sessions.clear()
-    _state.viewports.clear()
-    _state.shown.clear()
-    _state.textures.clear()
+def _own(space: bpy.types.SpaceView3D) -> int:
+    """Viewports that hide objects share nothing."""
+    return space.as_pointer() if hides_objects(space) else 0
+
+
+def _table(scene: bpy.types.Scene):
+    """The texture of the scene's view transform; None until it has been read."""
+    signature = view_transform.signature(scene)
+    table = _state.tables.get(signature)
+    if hasattr(table, "shape"):
+        table = _state.tables[signature] = display.table_texture(table)
+    return table
+
+
+def _start() -> None:
+    """Listens to Blender, if not yet."""
+    if _state.is_running:
+        return
+    _state.is_running = True
+    for name, function in _HANDLERS:
+        getattr(bpy.app.handlers, name).append(function)
+    bpy.app.timers.register(_tick, first_interval=0.0, persistent=True)
+
+
+def _stop() -> None:
+    """Lets go of everything."""
+    if _state.is_running:
+        _state.is_running = False
+        for name, function in _HANDLERS:
+            getattr(bpy.app.handlers, name).remove(function)
+        if bpy.app.timers.is_registered(_tick):
+            bpy.app.timers.unregister(_tick)
+    for pointer in list(_state.viewports):
+        _drop(pointer)
+    _drop_sessions()
     _state.tables.clear()
     display.release()
 
 
+def _drop(pointer: int) -> None:
+    """Frees what a region showed."""
+    _state.viewports.pop(pointer).release()
+    _state.shown.pop(pointer, None)
+    _state.textures.pop(pointer, None)
+
+
+def _drop_sessions() -> None:
+    """Frees those that no viewport shows any more."""
+    used = set(map(id, _state.shown.values()))
+    for key in [key for key, session in _state.sessions.items() if id(session) not in used]:
+        _state.sessions.pop(key).release()
+
+
 def _draw_view() -> None:
     context = bpy.context
-    if context.scene is None or not is_on(context.scene) or _engine_draws(context):
+    if context.scene is None or not is_on(context.scene) or _draws_engine(context.scene, context.space_data):
         return
     try:
         draw(context, encodes=True)
@@ -198,13 +221,9 @@ def _draw_view() -> None:
         _failed(error)
 
 
-def _engine_draws(context: bpy.types.Context) -> bool:
-    return context.space_data.shading.type == "RENDERED" and context.scene.render.engine == "STRATA"
-
-
 def _draw_text() -> None:
     context = bpy.context
-    if context.scene is None or not is_on(context.scene) or not context.scene.strata.preview.show_statistics:
+    if context.scene is None or not context.scene.strata.preview.show_statistics:
         return
     statistics = state_of(context.region)
     if statistics is not None:
@@ -213,19 +232,30 @@ def _draw_text() -> None:
 
 
 def _failed(error: Exception) -> None:
+    """Nothing is drawn again and again that fails; where the GPU is at fault, not until Blender's end."""
     traceback.print_exc()
-    _state.failure = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-    _state.scenes.clear()
     _state.rendered.clear()
+    if isinstance(error, (ShaderError, SystemError)):
+        _state.failure = str(error).strip().splitlines()[0]
+    _state.scenes.clear()
+
+
+def _draws_engine(scene: bpy.types.Scene, space) -> bool:
+    """Whether Strata's engine draws the viewport itself."""
+    return space.shading.type == "RENDERED" and scene.render.engine == ENGINE_ID
 
 
 @persistent
-def _depsgraph_updated(scene, depsgraph) -> None:
-    if scene.session_uid not in _watched():
-        return
+def _depsgraph_updated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     for (uid, *_), session in _state.sessions.items():
         if uid == scene.session_uid:
             session.changes.add(depsgraph)
+
+
+@persistent
+def _everything_changed(*_) -> None:
+    for session in _state.sessions.values():
+        session.changes.all = True
 
 
 @persistent
@@ -234,14 +264,21 @@ def _file_closing(*_) -> None:
     disable()
 
 
+_HANDLERS = (
+    ("depsgraph_update_post", _depsgraph_updated),
+    ("undo_post", _everything_changed),
+    ("redo_post", _everything_changed),
+    ("load_pre", _file_closing),
+)
+
+
 def _redraw() -> None:
-    for _window, area, region in _regions():
-        del area
+    for _window, _area, region in _regions():
         region.tag_redraw()
 
 
-def _regions():
-    """Every 3D viewport: window, area, region."""
+def _regions() -> Iterator[tuple[bpy.types.Window, bpy.types.Area, bpy.types.Region]]:
+    """Every 3D viewport."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
@@ -252,42 +289,43 @@ def _regions():
 
 def _tick() -> float | None:
     """Refines what is still, a slice of the budget at a time, and makes view transforms."""
-    if not _watched():
-        _forget()
-        return None
-    alive = {}
-    wait = 1.0
-    for window, _area, region in _regions():
-        alive[region.as_pointer()] = region
-        scene = window.scene
-        if scene.session_uid not in _watched():
-            continue
-        signature = view_transform.signature(scene)
-        if signature not in _state.tables:
-            table = display.table_texture(view_transform.read(scene))
-            if len(_state.tables) >= 4:
-                _state.tables.pop(next(iter(_state.tables)))
-            _state.tables[signature] = table
-            region.tag_redraw()
-        viewport = _state.viewports.get(region.as_pointer())
-        if viewport is None or not viewport.has_work:
-            continue
-        still = viewport.wait()
-        if still > 0.0:
-            wait = min(wait, still)
-            continue
-        budget = scene.strata.preview.frame_budget_ms
-        try:
-            session = _state.shown[region.as_pointer()]
-            if viewport.advance(1e-3 * budget, session.version, budget):
+    wait, alive = IDLE_SECONDS, set()
+    try:
+        for window, area, region in _regions():
+            scene, pointer = window.scene, region.as_pointer()
+            is_rendered = scene.session_uid in _state.rendered and _draws_engine(scene, area.spaces.active)
+            if not (is_on(scene) or is_rendered):
+                continue
+            alive.add(pointer)
+            if _read_table(scene):
                 region.tag_redraw()
-        except Exception as error:
-            _failed(error)
-            return None
-        if viewport.has_work:
-            wait = 0.0
-    for pointer in set(_state.viewports) - set(alive):
-        _state.viewports.pop(pointer).release()
-        _state.textures.pop(pointer, None)
-        _state.shown.pop(pointer, None)
-    return min(wait, IDLE_SECONDS)
+            viewport = _state.viewports.get(pointer)
+            if viewport is None or not viewport.has_work:
+                continue
+            still = viewport.wait()
+            if still == 0.0:
+                budget_ms = scene.strata.preview.frame_budget_ms
+                if viewport.advance(1e-3 * budget_ms, _state.shown[pointer].version, budget_ms):
+                    region.tag_redraw()
+                still = 0.0 if viewport.has_work else IDLE_SECONDS
+            wait = min(wait, still)
+    except Exception as error:
+        _failed(error)
+    for pointer in set(_state.viewports) - alive:
+        _drop(pointer)
+    _drop_sessions()
+    if not (_state.scenes or _state.rendered):
+        _stop()
+        return None
+    return wait
+
+
+def _read_table(scene: bpy.types.Scene) -> bool:
+    """Whether the scene's view transform had to be read."""
+    signature = view_transform.signature(scene)
+    if signature in _state.tables:
+        return False
+    while len(_state.tables) >= MOST_TABLES:
+        del _state.tables[next(iter(_state.tables))]
+    _state.tables[signature] = view_transform.read(scene)
+    return True

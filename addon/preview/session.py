@@ -46,20 +46,26 @@ class Session:
         self.changes = Changes(all=True)
         self._scan: Scan | None = None
         self._arrays: Arrays | None = None
-        self._objects = -1
+        self._content: tuple | None = None
         self._looks: dict[tuple, np.ndarray] = {}
 
     def read(
         self, depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D, placement: Placement, seed: int
     ) -> None:
         """Reads what has changed; `space` is the viewport whose visibility counts."""
-        frame, objects = depsgraph.scene.frame_current, len(depsgraph.objects)
-        is_other = self.outline is None or self.outline.frame != frame or self._objects != objects
+        hides = hides_objects(space)
+        # Blender's updates do not tell of what is hidden or shown, nor of frames.
+        content = (
+            depsgraph.scene.frame_current_final,
+            len(depsgraph.objects),
+            _shown(space, depsgraph) if hides else None,
+        )
+        is_other = content != self._content
         if not (self.changes or is_other):
             return
-        changes, self.changes, self._objects = self.changes, Changes(), objects
+        changes, self.changes, self._content = self.changes, Changes(), content
         if is_other or not self._patch(changes, depsgraph):
-            shows = (lambda thing: shown_in(space, thing)) if hides_objects(space) else None
+            shows = (lambda thing: shown_in(space, thing)) if hides else None
             asked = ScanOptions(size=(2, 2), camera=placement.camera, seed=seed, shows=shows)
             self._take(scan(depsgraph, asked))
         self.version = next(_versions)
@@ -85,6 +91,9 @@ class Session:
             pairs = [(index, before[key]) for index, key in enumerate(keys) if key in before]
             arrays = reusing(arrays, self._arrays, pairs)
         outline = replace(found.outline, version=next(_versions))
+        if self._arrays is not None and _same(outline, arrays, self.outline, self._arrays):
+            # Told of, and yet all as before; then what is known of the instances still holds.
+            outline = replace(outline, version=self.outline.version, instances=self.outline.instances)
         self._feed(outline, arrays)
         # Blender's own data is not to be kept, and not needed: what it is made of is in `arrays`.
         self._keep(replace(found, outline=outline, mesh_sources=(), image_sources=()))
@@ -126,6 +135,23 @@ class Session:
 
     def release(self) -> None:
         self.executor.release()
+
+
+def _same(new: Outline, arrays: Arrays, old: Outline, before: Arrays) -> bool:
+    """Whether geometry would be made of the same things; `arrays` reuses those of `before`."""
+    return (
+        len(arrays.meshes) == len(before.meshes)
+        and all(a is b for a, b in zip(arrays.meshes, before.meshes, strict=True))
+        and arrays.textures.keys() == before.textures.keys()
+        and all(arrays.textures[index] is before.textures[index] for index in arrays.textures)
+        and new.materials == old.materials
+        and new.instances == old.instances
+    )
+
+
+def _shown(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) -> frozenset[int]:
+    things = depsgraph.view_layer.objects
+    return frozenset(thing.session_uid for thing in things if shown_in(space, thing))
 
 
 def lighter(options: Options, share: float) -> Options:

@@ -30,7 +30,7 @@ class Statistics:
     """Of what a viewport shows. `frame_ms`: from the change to the picture. `steps`: milliseconds and runs by
     step and instance, of the last frame, or of the refinement so far. `ran`: how many nodes that were.
     `error`: estimated distance to the converged picture, relative to its brightness (`estimate.py`);
-    `message` stands for a picture where there is none."""
+    `message` stands for a picture where there is none; `layers` names what could be shown."""
 
     frame_ms: float = 0.0
     scale: float = 1.0
@@ -42,6 +42,7 @@ class Statistics:
     ran: int = 0
     steps: dict[tuple[str, str], tuple[float, int]] = field(default_factory=dict)
     message: str = ""
+    layers: tuple[str, ...] = ()
 
 
 @dataclass(eq=False)
@@ -72,6 +73,7 @@ class Viewport:
         self._changed_at = 0.0
         self._work: Iterator[None] | None = None
         self._costs: list[tuple[float, float]] = []
+        self._layers: tuple[str, ...] = ()
 
     def show(
         self, session: Session, placement: Placement, options: Options, layer: str, budget_ms: float
@@ -122,7 +124,9 @@ class Viewport:
         prepared = self._moving(session, placement, options, name)
         if prepared is None:
             self.picture = None
-            self.statistics = Statistics(message=f"no layer '{name}'" if name else "nothing is in view")
+            self.statistics = Statistics(
+                message=f"no layer '{name}'" if name else "nothing is in view", layers=self._layers
+            )
             return
         graph, layer, chunk = prepared
         executor = session.executor
@@ -148,6 +152,7 @@ class Viewport:
         light = lighter(options, self.budget.map_share)
         outline, graph = session.moving_plan(placement, self.budget.scale, light)
         layer = layer_of(graph, name)
+        self._layers = tuple(planned.name for planned in graph.layers if planned.effect)
         if layer is None:
             return None
         width, height = outline.computed_size
@@ -205,6 +210,7 @@ class Viewport:
         self.statistics = Statistics(
             frame_ms=1e3 * (time.perf_counter() - started),
             ran=sum(timing.runs for timing in timings),
+            layers=self._layers,
             steps={
                 (timing.node.step.name, timing.node.instance): (1e3 * timing.seconds, timing.runs)
                 for timing in timings

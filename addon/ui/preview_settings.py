@@ -18,7 +18,7 @@ class StrataPreviewSettings(bpy.types.PropertyGroup):
         "to keep to it, and come back when everything is still",
         default=33.0,
         min=1.0,
-        max=2000.0,
+        max=1e5,
         soft_max=250.0,
     )
     show_statistics: bpy.props.BoolProperty(
