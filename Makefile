@@ -9,7 +9,7 @@ FIND_PYTHON := for p in python3.13 $$(ls -d $${PYENV_ROOT:-$$HOME/.pyenv}/versio
 export RUSTFLAGS := $(RUSTFLAGS) --remap-path-prefix=$(CURDIR)=strata --remap-path-prefix=$(or $(CARGO_HOME),$(HOME)/.cargo)=cargo \
 	--remap-path-prefix=$(or $(RUSTUP_HOME),$(HOME)/.rustup)=rustup
 
-.PHONY: setup demo test lint bench docs extension clean
+.PHONY: setup demo test test-interface lint bench docs extension clean
 
 setup: $(VENV)/.kernels
 
@@ -31,6 +31,11 @@ demo: setup
 
 test: setup
 	$(PYTHON) -m pytest
+
+# In a Blender window under Xvfb: make test-interface BLENDER=/path/to/blender; photographs in out/interface.
+test-interface: setup
+	@test -x "$(BLENDER)" || { echo "Name a Blender 5.2: make test-interface BLENDER=/path/to/blender" >&2; exit 2; }
+	BLENDER="$(BLENDER)" $(PYTHON) -m pytest tests/test_interface.py
 
 # Both formatters and linters; nothing is changed.
 lint: setup

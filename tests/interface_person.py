@@ -1,0 +1,106 @@
+"""A person at a Blender window: a real mouse and a real keyboard (xdotool), eyes (ImageMagick's import).
+
+To be imported inside Blender. Everything is a generator that yields how many seconds to let Blender work.
+"""
+
+import subprocess
+from pathlib import Path
+
+import bpy
+
+STEP_PIXELS = 7  # between two looks at what is under the mouse
+LOOK_SECONDS = 0.06
+
+
+def view_3d():
+    """The window and the area of its largest 3D View."""
+    window = bpy.context.window_manager.windows[0]
+    areas = [area for area in window.screen.areas if area.type == "VIEW_3D"]
+    return window, max(areas, key=lambda area: area.width * area.height)
+
+
+def region_of(area, kind: str):
+    return next(region for region in area.regions if region.type == kind)
+
+
+def xdotool(*words) -> None:
+    subprocess.run(["xdotool", *map(str, words)], check=True)
+
+
+def point_at(x: float, y: float) -> None:
+    """In Blender's window coordinates, from the bottom left."""
+    window = bpy.context.window_manager.windows[0]
+    xdotool("mousemove", round(window.x + x), round(window.height - y))
+
+
+def move(x: float, y: float):
+    point_at(x, y)
+    yield 0.15
+
+
+def click(x: float, y: float):
+    yield from move(x, y)
+    yield 0.25
+    xdotool("click", 1)
+    yield 0.3
+
+
+def press(key: str, x: float, y: float):
+    """A key, with the mouse there."""
+    yield from move(x, y)
+    xdotool("key", key)
+    yield 0.4
+
+
+def drag(x: float, y: float, by_x: float, by_y: float = 0.0, steps: int = 10):
+    yield from move(x, y)
+    yield 0.25
+    xdotool("mousedown", 1)
+    yield 0.1
+    for step in range(1, steps + 1):
+        point_at(x + by_x * step / steps, y + by_y * step / steps)
+        yield 0.05
+    xdotool("mouseup", 1)
+    yield 0.3
+
+
+def middle(region) -> tuple[float, float]:
+    return region.x + 0.5 * region.width, region.y + 0.5 * region.height
+
+
+def under_the_mouse(window, area, region) -> str:
+    """What the button there is of: a data path such as `strata.samples`, an operator such as `strata.bake`,
+    or nothing."""
+    manager = bpy.context.window_manager
+    manager.clipboard = ""
+    with bpy.context.temp_override(window=window, area=area, region=region):
+        for copy in (bpy.ops.ui.copy_data_path_button, bpy.ops.ui.copy_python_command_button):
+            if copy.poll():
+                try:
+                    copy()
+                except RuntimeError:  # a button without one
+                    continue
+                if manager.clipboard:
+                    break
+    text = manager.clipboard
+    return text.removeprefix("bpy.ops.").partition("(")[0]
+
+
+def survey(area, region, share: float = 0.5):
+    """Moves the mouse down a region and returns where its buttons are: centres by what they are of."""
+    window = bpy.context.window_manager.windows[0]
+    seen: dict[str, list[float]] = {}
+    x = region.x + share * region.width
+    y = region.y + region.height - STEP_PIXELS
+    while y > region.y:
+        point_at(x, y)
+        yield LOOK_SECONDS
+        if what := under_the_mouse(window, area, region):
+            seen.setdefault(what, []).append(y)
+        y -= STEP_PIXELS
+    return {what: (x, 0.5 * (min(ys) + max(ys))) for what, ys in seen.items()}
+
+
+def photograph(folder: Path, name: str):
+    yield 0.5
+    subprocess.run(["import", "-window", "root", str(folder / f"{name}.png")], check=True)
