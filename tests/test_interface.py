@@ -13,8 +13,8 @@ from exr_layers import read_layers
 
 TESTS = Path(__file__).resolve().parent
 PHOTOGRAPHS = TESTS.parent / "out" / "interface"
-# 0.2 s is the promise, which test_job.py times without a window; here the window is drawn in software, and the
-# driver looks again only after each drawing.
+# 0.2 s is the promise, which test_job.py times without a window; here the window is drawn in software, and
+# the driver looks again only after each drawing.
 SECONDS_TO_CANCEL = 3.0
 
 
