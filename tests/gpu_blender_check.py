@@ -65,6 +65,7 @@ def main(source: str, target: str) -> None:
             eye=camera.eye,
             emitter=emitter,
             method=method,
+            maps=1,
             max_samples=512,
             refinements=2,
         )
