@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.arrays import MeshArrays
 from ..core.shader import Shader
-from .gpu_image import GpuImage
+from .gpu_image import TABLE_WIDTH, GpuImage
 
 MOST_IN_A_MESH = 1 << 24
 # Columns of each table, and its rows to a vertex or a triangle.
@@ -45,10 +45,12 @@ class MeshPlace:
 
 @dataclass(eq=False)
 class _Part:
-    """A mesh as the tables hold it: `corners` (T, 3) of its triangles, sorted by material slot."""
+    """A mesh as the tables hold it: `corners` and `vertices` (T, 3) of its triangles, sorted by material
+    slot; `corners` is None where they are all of them, in order."""
 
     mesh: MeshArrays
-    corners: np.ndarray
+    corners: np.ndarray | None
+    vertices: np.ndarray
     slots: np.ndarray
     centre: np.ndarray
     low: np.ndarray
@@ -57,24 +59,35 @@ class _Part:
 
     @property
     def shape(self) -> tuple[int, int]:
-        return len(self.mesh.positions), len(self.corners)
+        return len(self.mesh.positions), len(self.vertices)
 
-    def rows(self, name: str) -> np.ndarray:
-        """The mesh's rows of a table, (N, columns) float32."""
+    def row_count(self, name: str) -> int:
+        """How many rows of a table it has."""
+        vertices, triangles = self.shape
+        return {"positions": vertices, "triangles": triangles}.get(name, 3 * triangles)
+
+    def write(self, name: str, rows: np.ndarray) -> None:
+        """Its rows of a table into `rows` (N, columns) float32: straight into what is uploaded, since each
+        copy takes about as long as the upload."""
         mesh = self.mesh
         if name == "positions":
-            local = np.zeros((len(mesh.positions), 4), np.float32)
+            # Column by column: numpy takes five times as long for rows of three.
             with np.errstate(invalid="ignore", over="ignore"):
-                np.subtract(mesh.positions, self.centre.astype(np.float32), out=local[:, :3])
-            return local
-        if name == "triangles":
-            vertices = mesh.corner_vertices[self.corners]
-            return np.concatenate([vertices, self.order[:, None]], axis=1).astype(np.float32)
-        rows = np.zeros((self.corners.size, TABLES[name]), np.float32)
-        values = getattr(mesh, name)
-        if values is not None:
-            rows[:, : values.shape[1]] = values[self.corners.reshape(-1)]
-        return rows
+                for axis, centre in enumerate(self.centre.astype(np.float32)):
+                    np.subtract(mesh.positions[:, axis], centre, out=rows[:, axis])
+            rows[:, 3] = 0.0
+        elif name == "triangles":
+            for corner in range(3):
+                rows[:, corner] = self.vertices[:, corner]
+            rows[:, 3] = self.order
+        else:
+            values = getattr(mesh, name)
+            if values is None:
+                rows[:] = 0.0
+            else:
+                width = values.shape[1]
+                rows[:, :width] = values if self.corners is None else values[self.corners.reshape(-1)]
+                rows[:, width:] = 0.0
 
 
 class GpuMeshes:
@@ -118,8 +131,7 @@ class GpuMeshes:
     def table(self, name: str) -> GpuImage:
         """One of the four, uploaded when first asked for."""
         if name not in self._tables:
-            rows = [np.zeros((0, TABLES[name]), np.float32), *(part.rows(name) for part in self._parts)]
-            self._tables[name] = self._device.upload_table(np.concatenate(rows))
+            self._tables[name] = _uploaded(self._device, name, self._parts)
         return self._tables[name]
 
     def _patch(self, parts: dict[int, _Part]) -> None:
@@ -129,39 +141,79 @@ class GpuMeshes:
         for name, table in self._tables.items():
             shader = COPY_PAIRS if TABLES[name] == 2 else COPY_ROWS
             for index, part in parts.items():
-                rows = part.rows(name)
+                rows = part.row_count(name)
                 first = self.places[index].first_vertex
                 if name != "positions":
                     first = self.places[index].first_triangle * (1 if name == "triangles" else 3)
-                source = self._device.upload_table(rows)
-                halves = (first >> 16, first & 0xFFFF, len(rows) >> 16, len(rows) & 0xFFFF)
+                source = _uploaded(self._device, name, [part])
+                halves = (first >> 16, first & 0xFFFF, rows >> 16, rows & 0xFFFF)
                 self._device.dispatch(
                     shader, source.size, {"table": table}, {"source": source}, {"rows": halves}
                 )
                 self._device.release(source)
 
 
+def _uploaded(device, name: str, parts: list[_Part]) -> GpuImage:
+    """A table of the parts, one after the other."""
+    counts = [part.row_count(name) for part in parts]
+    total = sum(counts)
+    height = max(1, -(-total // TABLE_WIDTH))
+    rows = np.empty((height * TABLE_WIDTH, TABLES[name]), np.float32)
+    rows[total:] = 0.0
+    first = 0
+    for part, count in zip(parts, counts, strict=True):
+        part.write(name, rows[first : first + count])
+        first += count
+    return device.upload(rows.reshape(height, TABLE_WIDTH, TABLES[name]))
+
+
 def _part_of(mesh: MeshArrays) -> _Part:
     """Raises ValueError for a mesh that is too large."""
+    corners, faces = _triangles_of(mesh)
+    vertices = mesh.corner_vertices.reshape(-1, 3) if corners is None else mesh.corner_vertices[corners]
+    if max(len(mesh.positions), len(vertices)) >= MOST_IN_A_MESH:
+        raise ValueError(f"a mesh has more than {MOST_IN_A_MESH} vertices or triangles")
+    order = np.arange(len(vertices), dtype=np.int32)
+    slots = np.zeros(len(vertices), np.int32)
+    if mesh.face_slots is not None:
+        slots = np.maximum(mesh.face_slots if faces is None else mesh.face_slots[faces], 0)
+        order = np.argsort(slots, kind="stable")
+        corners = order[:, None] * 3 + np.arange(3) if corners is None else corners[order]
+        vertices, slots = vertices[order], slots[order]
+    low, high = _extent(mesh.positions, vertices)
+    centre = (0.5 * low + 0.5 * high).astype(np.float32).astype(np.float64)
+    return _Part(mesh, corners, vertices, slots, centre, low, high, order)
+
+
+def _extent(positions: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Low and high corner, float64, of a box around all triangles. Vertices that none uses count as long as
+    they hardly matter: to tell them takes longer than all else here."""
+    if not len(vertices):
+        return np.zeros(3), np.zeros(3)
+    low, high = _box(positions)
+    some_low, some_high = _box(positions[vertices[:: 1 + len(vertices) // 4096].reshape(-1)])
+    if not (np.isfinite(high - low).all() and (high - low <= 2.0 * (some_high - some_low)).all()):
+        is_used = np.zeros(len(positions), bool)
+        is_used[vertices] = True
+        low, high = _box(positions[is_used])
+    return low, high
+
+
+def _box(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    columns = [points[:, axis] for axis in range(3)]
+    low, high = [column.min() for column in columns], [column.max() for column in columns]
+    return np.array(low, np.float64), np.array(high, np.float64)
+
+
+def _triangles_of(mesh: MeshArrays) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Corners (T, 3) and faces (T,) of triangles; None where the faces are triangles throughout."""
     from .cpu import triangulate  # here, so that programs compile where there are no kernels
 
-    corners, faces = triangulate(mesh)
-    if max(len(mesh.positions), len(corners)) >= MOST_IN_A_MESH:
-        raise ValueError(f"a mesh has more than {MOST_IN_A_MESH} vertices or triangles")
-    slots = np.zeros(len(faces), np.int64)
-    order = np.arange(len(faces))
-    if mesh.face_slots is not None:
-        slots = np.maximum(mesh.face_slots[faces].astype(np.int64), 0)
-        order = np.argsort(slots, kind="stable")
-        corners, slots = corners[order], slots[order]
-    # Vertices that no triangle uses are not the mesh's extent.
-    is_used = np.zeros(len(mesh.positions), bool)
-    is_used[mesh.corner_vertices[corners]] = True
-    used = mesh.positions if is_used.all() else mesh.positions[is_used]
-    low = used.min(axis=0).astype(np.float64) if len(used) else np.zeros(3)
-    high = used.max(axis=0).astype(np.float64) if len(used) else np.zeros(3)
-    centre = (0.5 * low + 0.5 * high).astype(np.float32).astype(np.float64)
-    return _Part(mesh, corners, slots, centre, low, high, order)
+    flat = mesh.positions.ravel()
+    # A face with a vertex that is not finite is for the kernels to drop.
+    if np.isfinite(np.dot(flat, flat)) and (np.diff(mesh.face_starts) == 3).all():
+        return None, None
+    return triangulate(mesh)
 
 
 def _places_of(parts: list[_Part]) -> list[MeshPlace]:
