@@ -158,8 +158,9 @@ class Executor:
         `kept_surface_bytes`, what older epochs used goes first, and then what was made last, since the next
         picture asks for all of it in the same order. `execution` goes on counting an earlier one's nodes.
         """
-        context = _Context(graph, chunk, None, epoch, execution or Execution())
-        nodes = graph.nodes()
+        context = self._now = _Context(graph, chunk, None, epoch, execution or Execution())
+        missing = self._missing(graph)
+        nodes = [node for node in graph.nodes() if node in missing]
         try:
             for done, node in enumerate(nodes, start=1):
                 self._now = context
@@ -171,6 +172,22 @@ class Executor:
         finally:
             self._now = context
             self._trim()
+
+    def _missing(self, graph: Graph) -> set[Node]:
+        """Nodes of a frame that are still to be made: not those whose every reader is there already."""
+        missing: set[Node] = set()
+        queue = [layer.node for layer in graph.layers]
+        while queue:
+            node = queue.pop()
+            store, key = self._place(node, self._home(node))
+            if node in missing:
+                continue
+            if key in store:
+                self.value(node, self._home(node))  # it is in use
+                continue
+            missing.add(node)
+            queue.extend(node.inputs)
+        return missing
 
     def layer_value(self, layer: PlannedLayer) -> tuple[Device, Any]:
         """A layer of the last frame, and the device that holds it."""
@@ -205,6 +222,13 @@ class Executor:
         if store is self._framed:
             self._framed_bytes[key] = device.size_of(value), self._now.epoch
         return value
+
+    def keep_only(self, *graphs: Graph) -> None:
+        """Frees kept values that no node of these graphs has, such as the maps of where a light was."""
+        devices = {device.name: device for device in (self.primary, self.fallback)}
+        used = {node.key for graph in graphs for node in graph.nodes()}
+        for name, key in [place for place in self._kept if place[1] not in used]:
+            devices[name].release(self._kept.pop((name, key)))
 
     def release(self) -> None:
         """Frees everything that was kept."""

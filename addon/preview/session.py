@@ -47,6 +47,7 @@ class Session:
         self._scan: Scan | None = None
         self._arrays: Arrays | None = None
         self._content: tuple | None = None
+        self.wanted: dict[int, tuple[Graph, ...]] = {}  # what each viewport may run again, by its id
         self._looks: dict[tuple, np.ndarray] = {}
 
     def read(
@@ -132,6 +133,12 @@ class Session:
             outline = replace(outline, seen=boxes)
             graph = plan_scene(outline, options)
         return outline, graph
+
+    def want(self, viewport: int, *graphs: Graph) -> None:
+        """Keeps what these graphs made, and what other viewports want, and frees the rest: where a light has
+        been, nobody asks again."""
+        self.wanted[viewport] = graphs
+        self.executor.keep_only(*(graph for wanted in self.wanted.values() for graph in wanted))
 
     def release(self) -> None:
         self.executor.release()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import Any
@@ -74,6 +74,7 @@ class Viewport:
         self._work: Iterator[None] | None = None
         self._costs: list[tuple[float, float]] = []
         self._layers: tuple[str, ...] = ()
+        self._refined_graph: Graph | None = None
 
     def show(
         self, session: Session, placement: Placement, options: Options, layer: str, budget_ms: float
@@ -134,6 +135,7 @@ class Viewport:
             pass
         device, value = executor.layer_value(layer)
         execution = executor.execution
+        session.want(id(self), graph, *([self._refined_graph] if self._refined_graph else []))
         scale, map_share = self.budget.scale, self.budget.map_share
         self.picture = Picture(value, placement.place(*placement.sizes(scale)), len(layer.channels) > 1)
         self._count(execution, started)
@@ -160,21 +162,27 @@ class Viewport:
 
     def _still(self, session: Session, placement: Placement, options: Options, name: str) -> Iterator[None]:
         """First the bake's picture, to the last bit; then what the next movement will want to find."""
-        yield from self._refined(session, placement, options, name)
+        refined = yield from self._refined(session, placement, options, name)
         prepared = self._moving(session, placement, options, name)
-        if prepared is not None:
-            graph, _layer, chunk = prepared
-            for _share in session.executor.frame(graph, chunk, next(_epochs)):
-                yield
+        if refined is None or prepared is None:
+            return
+        graph, _layer, chunk = prepared
+        self._refined_graph = refined
+        session.want(id(self), refined, graph)
+        for _share in session.executor.frame(graph, chunk, next(_epochs)):
+            yield
 
-    def _refined(self, session: Session, placement: Placement, options: Options, name: str) -> Iterator[None]:
-        """The bake, but for its measurement: coarse look, plan, sample by sample, their mean shown."""
+    def _refined(
+        self, session: Session, placement: Placement, options: Options, name: str
+    ) -> Generator[None, None, Graph | None]:
+        """The bake, but for its measurement: coarse look, plan, sample by sample, their mean shown. Returns
+        what ran."""
         started = time.perf_counter()
         outline, graph = session.still_plan(placement, options)
         yield
         layer = layer_of(graph, name)
         if layer is None:
-            return
+            return None
         graph = replace(graph, layers=(layer,))
         place = placement.place(*placement.sizes(1.0))
         sampling = Sampling(
@@ -204,6 +212,7 @@ class Viewport:
                 self.statistics.error = sampling_error(total, squares, samples, options.samples)
                 self.statistics.is_converged = samples == options.samples
             yield
+        return graph
 
     def _count(self, execution: Execution, started: float) -> None:
         timings = execution.timings.values()
