@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
@@ -246,3 +248,19 @@ def test_errors_are_estimated_within_a_factor(backend):
         true = np.sqrt(((pixels - final) ** 2).mean() / (final**2).mean())
         assert true / 3 < statistics.error < 3 * true, statistics.samples
     assert found[-1][0].error == 0.0
+
+
+def test_a_lights_own_settings_count_and_are_lightened_too(backend):
+    watched = two_lights(backend, samples=1)
+    own = (("soft_shadow", "resolution", 1024),)
+    watched.draw()
+    session = watched.session
+    lights = tuple(replace(light, own=own) for light in session.outline.lights)
+    session.outline = replace(session.outline, lights=lights)
+
+    def sides(graph):
+        return {node.params["width"] for node in graph.nodes() if node.step.name == "layered_depth"}
+
+    placement, options = watched.placement(), watched.options
+    assert sides(session.still_plan(placement, options)[1]) == {1024}
+    assert sides(session.moving_plan(placement, 0.5, options, 0.25)[1]) == {256}

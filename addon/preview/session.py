@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import count
+from typing import Any
 
 import bpy
 import numpy as np
@@ -11,9 +12,10 @@ import numpy as np
 from ..bake import Options, plan_scene
 from ..core.arrays import Arrays, reusing
 from ..core.culling import around
+from ..core.effect import Effect
 from ..core.executor import Executor
 from ..core.graph import Graph
-from ..core.outline import Outline
+from ..core.outline import Light, Outline
 from ..devices.start import Devices, start_devices
 from ..effects.shared.look import seen_boxes
 from ..scene.extract import extract
@@ -107,10 +109,17 @@ class Session:
     def _keep(self, found: Scan) -> None:
         self._scan, self.outline = found, found.outline
 
-    def moving_plan(self, placement: Placement, scale: float, options: Options) -> tuple[Outline, Graph]:
-        """For a frame while something moves: no map depends on where the camera is, so that a moved camera
-        runs none again."""
+    def moving_plan(
+        self, placement: Placement, scale: float, options: Options, share: float
+    ) -> tuple[Outline, Graph]:
+        """For a frame while something moves, with about `share` of the work in its maps. None of those
+        depends on where the camera is, so that a moved camera runs none again."""
+        chosen = options.chosen()
+        values = {effect.id: params.lighter(share).as_dict() for effect, params in chosen.items()}
+        options = replace(options, values=values, samples=1, probes=0)
         outline = placement.seen_from(self.outline, scale)
+        lights = tuple(_lighter(light, chosen, share) if light.own else light for light in outline.lights)
+        outline = replace(outline, lights=lights)
         shown = outline.instances.boxes[outline.instances.shown]
         if len(shown):
             outline = replace(outline, seen=around(shown)[None])
@@ -161,7 +170,11 @@ def _shown(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) -> froz
     return frozenset(thing.session_uid for thing in things if shown_in(space, thing))
 
 
-def lighter(options: Options, share: float) -> Options:
-    """Options for a frame of about `share` of the work."""
-    values = {effect.id: params.lighter(share).as_dict() for effect, params in options.chosen().items()}
-    return replace(options, values=values, samples=1, probes=0)
+def _lighter(light: Light, chosen: dict[Effect, Any], share: float) -> Light:
+    """With its own values as the scene's are while something moves."""
+    own = [
+        (effect.id, name, value)
+        for effect, params in chosen.items()
+        for name, value in light.params_for(effect.id, params).lighter(share).as_dict().items()
+    ]
+    return replace(light, own=tuple(own))

@@ -18,7 +18,7 @@ from ..core.surface import Chunk
 from ..scene.viewport import Placement
 from .budget import Budget
 from .estimate import resolution_error, sampling_error
-from .session import Session, lighter
+from .session import Session
 
 STILL_SECONDS = 0.2
 TILE_PIXELS = 1 << 16  # so that a node does not take much longer than a frame
@@ -151,8 +151,8 @@ class Viewport:
 
     def _moving(self, session: Session, placement: Placement, options: Options, name: str):
         """Graph, layer and chunk of a frame while something moves; None where there is no such layer."""
-        light = lighter(options, self.budget.map_share)
-        outline, graph = session.moving_plan(placement, self.budget.scale, light)
+        budget = self.budget
+        outline, graph = session.moving_plan(placement, budget.scale, options, budget.map_share)
         layer = layer_of(graph, name)
         self._layers = tuple(planned.name for planned in graph.layers if planned.effect)
         if layer is None:
