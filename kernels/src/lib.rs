@@ -12,6 +12,7 @@ pub mod rays;
 pub mod soft_shadow;
 pub mod triangulate;
 pub mod view;
+pub mod volumetric_light;
 
 use pyo3::prelude::*;
 
@@ -25,5 +26,6 @@ fn strata_kernels(module: &Bound<'_, PyModule>) -> PyResult<()> {
     rays::register(module)?;
     triangulate::register(module)?;
     soft_shadow::register(module)?;
+    volumetric_light::register(module)?;
     Ok(())
 }

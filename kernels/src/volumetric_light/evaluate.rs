@@ -1,0 +1,427 @@
+//! Light scattered towards the eye along every ray of a lattice.
+
+use super::integral::{self, Everywhere, Travelled, gauss_legendre};
+use super::lanes::{Batch, OpenRow, Setup};
+use super::map::LightMap;
+use super::medium::Medium;
+use super::rays::{Lattice, Ray};
+use super::source::{Profile, Seen, Source, cross, dot, length};
+use super::spans::{self, MediumMap};
+use super::table::Table;
+use crate::cancel::CancelFlag;
+use crate::rays::lanes::dispatch;
+use pyo3::prelude::*;
+use rayon::prelude::*;
+
+/// Nothing that casts shadows is further away, metres.
+const FAR: f64 = 1e9;
+
+/// How a ray's lit stretches become light.
+pub enum Method {
+    /// Quadrature of each stretch.
+    Walk,
+    /// Differences of a table of the antiderivative.
+    Table(Table),
+    /// A jittered march of so many steps, for comparison.
+    March(usize),
+}
+
+/// The medium's entries and exits along the camera's rays (layers, height, width), and from the light.
+pub struct Bounded<'a> {
+    pub layers: usize,
+    pub depths: &'a [f32],
+    pub maps: Vec<&'a MediumMap>,
+}
+
+pub struct Scene<'a> {
+    pub lattice: Lattice,
+    pub medium: Medium,
+    pub source: Source,
+    pub maps: Vec<&'a LightMap>,
+    pub bounded: Option<Bounded<'a>>,
+    pub method: Method,
+    pub order: usize,
+}
+
+/// A ray as one map sees it.
+struct InMap<'a> {
+    map: &'a LightMap,
+    origin: [f64; 3],
+    direction: [f64; 3],
+}
+
+impl Scene<'_> {
+    /// (height * width) in-scattered radiance per unit of intensity or irradiance; `depth` along the view's axis.
+    pub fn evaluate(&self, depth: &[f32], width: usize, cancel: &CancelFlag) -> PyResult<Vec<[f32; 3]>> {
+        let mut image = vec![[0.0f32; 3]; depth.len()];
+        let setup = Setup::new(&self.medium, &self.source, self.order);
+        let open = self.maps.is_empty()
+            && self.bounded.is_none()
+            && !self.lattice.orthographic
+            && self.source.profile == Profile::Uniform
+            && matches!(self.method, Method::Walk);
+        image
+            .par_chunks_mut(width)
+            .zip(depth.par_chunks(width))
+            .enumerate()
+            .try_for_each(|(y, (row, depths))| {
+                cancel.check()?;
+                if open {
+                    dispatch(OpenRow {
+                        setup: &setup,
+                        lattice: &self.lattice,
+                        source: &self.source,
+                        y,
+                        depths,
+                        image: row,
+                    });
+                    return Ok(());
+                }
+                let mut work = Row {
+                    scene: self,
+                    setup: &setup,
+                    batch: Batch::default(),
+                    spans: Vec::new(),
+                    nodes: gauss_legendre(8),
+                };
+                for (x, &depth_here) in depths.iter().enumerate() {
+                    let bounded = self.bounded.as_ref().map(|b| {
+                        let plane = depth.len();
+                        (0..b.layers).map(move |layer| b.depths[layer * plane + y * width + x])
+                    });
+                    work.ray(row, x, &self.lattice.ray(x, y), depth_here, bounded);
+                }
+                work.batch.finish(&setup, row);
+                PyResult::Ok(())
+            })?;
+        Ok(image)
+    }
+
+    /// Metres of medium that light has come through to a point.
+    fn light_travelled(&self, point: [f64; 3]) -> f64 {
+        let bounded = self.bounded.as_ref().expect("only bounded media ask");
+        for map in &bounded.maps {
+            let vector = std::array::from_fn(|i| point[i] - map.view().eye[i]);
+            if let Some(metres) = map.travelled(map.map.coordinates(vector)) {
+                return metres;
+            }
+        }
+        0.0
+    }
+
+    fn is_lit(&self, point: [f64; 3]) -> bool {
+        self.maps.iter().all(|map| {
+            let vector = std::array::from_fn(|i| point[i] - map.view.eye[i]);
+            map.lights(map.coordinates(vector)).unwrap_or(true)
+        })
+    }
+}
+
+/// What a stretch of a ray is integrated by.
+#[derive(Clone, Copy)]
+struct Span {
+    pixel: usize,
+    /// Where the medium begins along the ray, and how much of it lies before.
+    from: f64,
+    before: f64,
+}
+
+struct Row<'a> {
+    scene: &'a Scene<'a>,
+    setup: &'a Setup,
+    batch: Batch,
+    spans: Vec<(f64, f64)>,
+    nodes: Vec<(f64, f64)>,
+}
+
+impl Row<'_> {
+    fn ray(
+        &mut self,
+        row: &mut [[f32; 3]],
+        pixel: usize,
+        ray: &Ray,
+        depth: f32,
+        bounded: Option<impl Iterator<Item = f32>>,
+    ) {
+        let scene = self.scene;
+        let near = scene.lattice.near * ray.per_depth;
+        let end = f64::from(depth) * ray.per_depth;
+        if depth.is_nan() || end <= near {
+            return;
+        }
+        let seen = Seen::new(
+            &scene.source,
+            std::array::from_fn(|i| ray.origin[i] - scene.source.position[i]),
+            ray.direction,
+        );
+        let Some(depths) = bounded else {
+            let span = Span {
+                pixel,
+                from: near,
+                before: 0.0,
+            };
+            return self.span(row, ray, &seen, span, end);
+        };
+        let mut spans = std::mem::take(&mut self.spans);
+        let scaled = depths.map(|d| d * ray.per_depth as f32);
+        spans::inside(scaled, near, end, &mut spans);
+        let mut before = 0.0;
+        for &(from, to) in &spans {
+            let span = Span { pixel, from, before };
+            self.span(row, ray, &seen, span, to);
+            before += to - from;
+        }
+        self.spans = spans;
+    }
+
+    /// A stretch inside the medium, from `span.from` to `end`.
+    fn span(&mut self, row: &mut [[f32; 3]], ray: &Ray, seen: &Seen, span: Span, end: f64) {
+        let source = &self.scene.source;
+        if source.distant {
+            return self.piece(row, ray, seen, span, span.from, end);
+        }
+        let closest = seen.closest;
+        seen.pieces(&source.profile, span.from - closest, end - closest, |from, to| {
+            self.piece(row, ray, seen, span, from + closest, to + closest);
+        });
+    }
+
+    /// A stretch on which the source's profile is smooth.
+    fn piece(&mut self, row: &mut [[f32; 3]], ray: &Ray, seen: &Seen, span: Span, from: f64, to: f64) {
+        if let Method::March(steps) = self.scene.method {
+            return self.march(row, ray, seen, span, from, to, steps);
+        }
+        if self.scene.maps.is_empty() {
+            return self.stretch(row, ray, seen, span, from, to);
+        }
+        let to = to.min(FAR);
+        let mut inside: Vec<(InMap, super::map::Inside)> = Vec::with_capacity(6);
+        for map in &self.scene.maps {
+            let vector = std::array::from_fn(|i| ray.origin[i] - map.view.eye[i]);
+            let seen = InMap {
+                map,
+                origin: map.coordinates(vector),
+                direction: map.coordinates(ray.direction),
+            };
+            if let Some(part) = map.inside(seen.origin, seen.direction, from, to) {
+                inside.push((seen, part));
+            }
+        }
+        inside.sort_by(|a, b| a.1.from.total_cmp(&b.1.from));
+        // Stretches that meet are one; what no window shows has nothing before it.
+        let mut open: Option<(f64, f64)> = None;
+        let mut lit = |start: f64, stop: f64| match &mut open {
+            Some((_, end)) if start <= *end => *end = end.max(stop),
+            _ => {
+                if let Some((start, stop)) = open.replace((start, stop)) {
+                    self.stretch(row, ray, seen, span, start, stop);
+                }
+            }
+        };
+        let mut reached = from;
+        for (seen, mut part) in inside {
+            if part.from > reached {
+                lit(reached, part.from);
+            }
+            part.from = part.from.max(reached);
+            if part.from < part.to {
+                seen.map.walk(seen.origin, seen.direction, part, &mut lit);
+                reached = part.to;
+            }
+        }
+        if reached < to {
+            lit(reached, to);
+        }
+        if let Some((start, stop)) = open {
+            self.stretch(row, ray, seen, span, start, stop);
+        }
+    }
+
+    /// A lit stretch.
+    fn stretch(&mut self, row: &mut [[f32; 3]], ray: &Ray, seen: &Seen, span: Span, from: f64, to: f64) {
+        if to <= from {
+            return;
+        }
+        let scene = self.scene;
+        let before = span.before + (from - span.from);
+        let tau = from - seen.closest;
+        if scene.bounded.is_some() {
+            let sum = self.bounded(ray, seen, before, from, to);
+            for c in 0..3 {
+                row[span.pixel][c] += sum[c] as f32;
+            }
+        } else if scene.source.distant {
+            let (ahead, behind) = turn(&scene.source, ray);
+            let sum = integral::distant(&scene.medium, ahead, behind, before, before + (to - from));
+            for c in 0..3 {
+                row[span.pixel][c] += sum[c] as f32;
+            }
+        } else if let Method::Table(table) = &scene.method {
+            table.add(&mut row[span.pixel], seen, from, to);
+        } else {
+            let travelled = before + seen.distance(tau);
+            self.batch
+                .push(self.setup, row, span.pixel, seen, tau, to - from, travelled);
+        }
+    }
+
+    /// In a bounded medium the way that light has come is looked up at every node.
+    fn bounded(&self, ray: &Ray, seen: &Seen, before: f64, from: f64, to: f64) -> [f64; 3] {
+        let scene = self.scene;
+        let path = |t: f64| {
+            let point = std::array::from_fn(|i| ray.origin[i] + t * ray.direction[i]);
+            before + (t - from) + scene.light_travelled(point)
+        };
+        if !scene.source.distant {
+            let way = Looked {
+                path: &path,
+                closest: seen.closest,
+                start: path(from),
+            };
+            let (start, end) = (from - seen.closest, to - seen.closest);
+            return integral::near(&scene.medium, &scene.source, seen, start, end, &way);
+        }
+        let (ahead, behind) = turn(&scene.source, ray);
+        let phase = scene.medium.phase(ahead, behind);
+        let thickest = scene.medium.extinction.iter().fold(0.0f64, |a, &b| a.max(b));
+        let panels = (thickest * (to - from) / 3.0).ceil().clamp(1.0, 64.0);
+        let step = (to - from) / panels;
+        let mut sum = [0.0; 3];
+        for panel in 0..panels as usize {
+            for &(place, weight) in &self.nodes {
+                let metres = path(from + step * (panel as f64 + place));
+                for (c, sum) in sum.iter_mut().enumerate() {
+                    *sum += weight * step * (-scene.medium.extinction[c] * metres).exp();
+                }
+            }
+        }
+        std::array::from_fn(|c| sum[c] * phase * scene.medium.scattering[c])
+    }
+
+    /// So many steps from `from` to `to`, each looked up in the maps at one random place.
+    fn march(
+        &mut self,
+        row: &mut [[f32; 3]],
+        ray: &Ray,
+        seen: &Seen,
+        span: Span,
+        from: f64,
+        to: f64,
+        steps: usize,
+    ) {
+        let scene = self.scene;
+        let thinnest = scene
+            .medium
+            .extinction
+            .iter()
+            .fold(f64::INFINITY, |a, &b| a.min(b));
+        let to = to.min(from + 20.0 / thinnest);
+        let step = (to - from) / steps as f64;
+        let bits = (ray.direction[0].to_bits() ^ ray.direction[1].to_bits().rotate_left(17))
+            .wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let jitter = (bits >> 40) as f64 / (1u64 << 24) as f64;
+        for i in 0..steps {
+            let t = from + step * (i as f64 + jitter);
+            let point = std::array::from_fn(|k| ray.origin[k] + t * ray.direction[k]);
+            if !scene.is_lit(point) {
+                continue;
+            }
+            let mut metres = span.before + (t - span.from);
+            let (mut value, (ahead, behind)) = (step, turn(&scene.source, ray));
+            let mut phase = (ahead, behind);
+            if !scene.source.distant {
+                let tau = t - seen.closest;
+                let (distance, s) = (seen.distance(tau), seen.sum(tau));
+                metres += distance;
+                phase = (0.5 * s / distance, 1.0 - 0.5 * s / distance);
+                value *=
+                    scene.source.falloff(distance) * seen.intensity(&scene.source.profile, tau, distance);
+            }
+            value *= scene.medium.phase(phase.0, phase.1);
+            for (c, sum) in row[span.pixel].iter_mut().enumerate() {
+                let arrives = (-scene.medium.extinction[c] * metres).exp();
+                *sum += (value * scene.medium.scattering[c] * arrives) as f32;
+            }
+        }
+    }
+}
+
+/// Of a distant source, (1 - cos) / 2 and (1 + cos) / 2 of the angle that its light turns by to reach the eye.
+fn turn(source: &Source, ray: &Ray) -> (f64, f64) {
+    let to_eye = ray.direction.map(|d| -d);
+    let cosine = dot(source.axis, to_eye);
+    // 1 - |cos| = sin^2 / (1 + |cos|) keeps its digits near both ends.
+    let sine = length(cross(source.axis, to_eye));
+    let small = 0.5 * sine * sine / (1.0 + cosine.abs());
+    if cosine > 0.0 {
+        (small, 1.0 - small)
+    } else {
+        (1.0 - small, small)
+    }
+}
+
+/// The way through a bounded medium, looked up.
+struct Looked<'a, F: Fn(f64) -> f64> {
+    path: &'a F,
+    closest: f64,
+    start: f64,
+}
+
+impl<F: Fn(f64) -> f64> Travelled for Looked<'_, F> {
+    fn start(&self) -> f64 {
+        self.start
+    }
+    fn beyond(&self, tau: f64, _change_of_s: f64) -> f64 {
+        (self.path)(tau + self.closest) - self.start
+    }
+    fn opaque(&self) -> f64 {
+        // Of light from outside s grows faster than what it goes through.
+        100.0
+    }
+}
+
+/// One stretch by itself, in double precision: for tests.
+pub fn one(
+    medium: &Medium,
+    source: &Source,
+    origin: [f64; 3],
+    direction: [f64; 3],
+    from: f64,
+    to: f64,
+) -> [f64; 3] {
+    let seen = Seen::new(
+        source,
+        std::array::from_fn(|i| origin[i] - source.position[i]),
+        direction,
+    );
+    if source.distant {
+        let ray = Ray {
+            origin,
+            direction,
+            per_depth: 1.0,
+        };
+        let (ahead, behind) = turn(source, &ray);
+        return integral::distant(medium, ahead, behind, from, to);
+    }
+    let mut sum = [0.0; 3];
+    seen.pieces(
+        &source.profile,
+        from - seen.closest,
+        to - seen.closest,
+        |start, end| {
+            let start_of_way = start + seen.closest + seen.distance(start);
+            let part = integral::near(
+                medium,
+                source,
+                &seen,
+                start,
+                end,
+                &Everywhere { start: start_of_way },
+            );
+            for c in 0..3 {
+                sum[c] += part[c];
+            }
+        },
+    );
+    sum
+}
