@@ -7,6 +7,7 @@ import argparse
 
 import _courtyard
 import _kit as kit
+import _mist
 import _scenes
 
 bench_scene = _scenes.bench_scene
@@ -17,6 +18,7 @@ SCENES = {
     "stacked": _scenes.stacked,
     "plain": _scenes.plain,
     "animated": _scenes.animated,
+    "mist": _mist.mist,
 }
 
 

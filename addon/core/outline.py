@@ -16,6 +16,7 @@ import numpy as np
 
 from .emitter import Emitter, EmitterKind
 from .errors import StrataError
+from .medium import Medium
 from .params import Params
 from .view import Vector, View
 
@@ -120,6 +121,7 @@ class Light:
     emitter: Emitter
     intensity: Colour
     casts_shadow: bool = True
+    lights_media: bool = True
     receivers: frozenset[int] | None = None
     casters: frozenset[int] | None = None
     own: tuple[tuple[str, str, Any], ...] = ()
@@ -171,7 +173,7 @@ class Material:
 
     `base_color_image` and `alpha_image` index `Outline.images`, sampled by the mesh's render UV map,
     repeated and bilinear; then the constant beside is not used. A fragment is there where alpha is at least
-    `alpha_threshold`; 0: everywhere.
+    `alpha_threshold`; 0: everywhere. `medium` fills a mesh of this material where it has no surface.
     """
 
     name: str
@@ -182,6 +184,8 @@ class Material:
     alpha_threshold: float = 0.0
     roughness: float = 0.5
     emission: Colour = (0.0, 0.0, 0.0)
+    medium: Medium | None = None
+    has_surface: bool = True
 
     @property
     def is_cutout(self) -> bool:
@@ -205,7 +209,7 @@ class Mesh:
 @dataclass(frozen=True)
 class Instance:
     """One appearance of a mesh. `matrix` is object to world, 4 rows of 4; `object_id` is the same for all
-    parts and instances that one object of the scene makes."""
+    parts and instances that one object of the scene makes. With a `medium` it is that, and no surface."""
 
     name: str
     mesh: int
@@ -216,6 +220,7 @@ class Instance:
     visible_camera: bool = True
     casts_shadow: bool = True
     is_holdout: bool = False
+    medium: Medium | None = None
 
 
 class Instances(tuple[Instance, ...]):
@@ -287,6 +292,7 @@ class Outline:
     seed: int = 0
     seen: np.ndarray | None = field(default=None, compare=False)
     version: int = 0
+    world_medium: Medium | None = None
 
     def __post_init__(self):
         if not isinstance(self.instances, Instances):

@@ -3,8 +3,9 @@
 from ..core.effect import Effect
 from ..core.errors import StrataError
 from .soft_shadow import EFFECT as SOFT_SHADOW
+from .volumetric_light import EFFECT as VOLUMETRIC_LIGHT
 
-EFFECTS: tuple[Effect, ...] = (SOFT_SHADOW,)
+EFFECTS: tuple[Effect, ...] = (SOFT_SHADOW, VOLUMETRIC_LIGHT)
 
 
 def effect_named(name: str) -> Effect:

@@ -15,6 +15,7 @@ import bpy
 
 from ..core.outline import Image, Material
 from .transforms import as_vector
+from .volumes import volume_of
 
 ALPHA_THRESHOLD = 0.5
 
@@ -46,6 +47,21 @@ def default_material() -> Material:
 
 def material_of(material: bpy.types.Material, images: Images) -> tuple[Material, list[str]]:
     """A material and its warnings."""
+    medium, warnings = volume_of(material.node_tree, f"material '{material.name_full}'")
+    if (medium is not None or warnings) and not _has_surface(material):
+        colour = as_vector(material.diffuse_color[:3])
+        return Material(material.name_full, colour, medium=medium, has_surface=False), warnings
+    read, more = _surface_of(material, images)
+    if medium is not None:
+        warnings.append(f"material '{material.name_full}': its volume is not read, it has a surface too")
+    return read, [*more, *warnings]
+
+
+def _has_surface(material: bpy.types.Material) -> bool:
+    return _source(material.node_tree.get_output_node("CYCLES").inputs["Surface"])[0] is not None
+
+
+def _surface_of(material: bpy.types.Material, images: Images) -> tuple[Material, list[str]]:
     name = material.name_full
     node, unread = _surface_node(material)
     if node is None:

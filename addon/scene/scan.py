@@ -16,6 +16,7 @@ from .lights import light_of, own_settings_of
 from .materials import Images, default_material, material_of
 from .render_depsgraph import engine_of
 from .transforms import are_usable
+from .volumes import volume_of
 
 # Types that would render but are not read; all others without a mesh (empties, armatures, ...) never render.
 _NOT_READ = {
@@ -99,11 +100,11 @@ class _Scanner:
                 self._light(instance, shown)
             elif shown.type in _NOT_READ:
                 self._warn(f"object '{shown.name}': {_NOT_READ[shown.type]} not read")
-        world = scene.world
+        world, world_medium = scene.world, None
         if world is not None and world.node_tree is not None:
-            output = world.node_tree.get_output_node("CYCLES")
-            if output is not None and output.inputs["Volume"].is_linked:
-                self._warn(f"world '{world.name}': its volume is not read")
+            world_medium, warnings = volume_of(world.node_tree, f"world '{world.name}'")
+            for warning in warnings:
+                self._warn(warning)
         instances = self._finished_instances()
         outline = Outline(
             scene_name=scene.name,
@@ -118,6 +119,7 @@ class _Scanner:
             pixel_filter=pixel_filter_of(scene, engine_of(self.depsgraph.scene)),
             working_space=bpy.data.colorspace.working_space,
             seed=self.options.seed,
+            world_medium=world_medium,
             **view,
         )
         return Scan(
@@ -182,13 +184,20 @@ class _Scanner:
     def _look(self, instance, shown: bpy.types.Object, owner: bpy.types.Object, mesh: bpy.types.Mesh) -> dict:
         view_layer = self.depsgraph.view_layer_eval
         indirect_only = owner.indirect_only_get(view_layer=view_layer)
+        slots = self._slot_materials(instance, shown, mesh)
+        materials = [self.materials[slot] for slot in slots]
+        is_surface = any(material.has_surface for material in materials)
         return {
             "name": shown.name,
             "mesh": self._mesh_index(shown, mesh),
             "object_id": self.object_ids.setdefault(shown.original.session_uid, len(self.object_ids)),
-            "materials": self._slot_materials(instance, shown, mesh),
-            "visible_camera": shown.visible_camera and owner.visible_camera and not indirect_only,
-            "casts_shadow": shown.visible_shadow and owner.visible_shadow,
+            "materials": slots,
+            "visible_camera": is_surface
+            and shown.visible_camera
+            and owner.visible_camera
+            and not indirect_only,
+            "casts_shadow": is_surface and shown.visible_shadow and owner.visible_shadow,
+            "medium": None if is_surface else materials[0].medium,
             "is_holdout": shown.is_holdout or owner.holdout_get(view_layer=view_layer),
         }
 
@@ -294,7 +303,12 @@ class _Scanner:
         )
         # A light that diffuse surfaces do not see lights nothing that is baked.
         lit = frozenset() if not shown.visible_diffuse else self._indices(receivers)
-        return replace(light, receivers=lit, casters=self._indices(blockers))
+        return replace(
+            light,
+            receivers=lit,
+            casters=self._indices(blockers),
+            lights_media=shown.visible_volume_scatter,
+        )
 
     def _indices(self, linked) -> frozenset[int] | None:
         if linked is None:

@@ -100,11 +100,13 @@ def layered_depth(
 
 
 def ray_accelerator(outline: Outline) -> Node:
-    """A hierarchy over all that casts shadows or is seen, relative to the camera's eye, one for all: each
+    """A hierarchy over all that casts shadows, is seen or is a medium, relative to the eye, one for all: each
     query names its instances. Outside any graph too: measuring asks for the one that an effect may have
     built."""
     node = Node(GEOMETRY, "", (), {"scene": _content(outline)})
     casters = frozenset(
-        i for i, each in enumerate(outline.instances) if each.casts_shadow or each.visible_camera
+        i
+        for i, each in enumerate(outline.instances)
+        if each.casts_shadow or each.visible_camera or each.medium is not None
     )
     return Node(RAY_ACCELERATOR, "", (node,), {"eye": outline.view.eye, "casters": casters})

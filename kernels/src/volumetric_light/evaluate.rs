@@ -33,6 +33,13 @@ pub struct Bounded<'a> {
     pub maps: Vec<&'a MediumMap>,
 }
 
+impl Bounded<'_> {
+    /// Whether all that light passes on its way to any point inside is medium.
+    fn surrounds_light(&self) -> bool {
+        !self.maps.is_empty() && self.maps.iter().all(|map| map.begins_inside)
+    }
+}
+
 pub struct Scene<'a> {
     pub lattice: Lattice,
     pub medium: Medium,
@@ -55,6 +62,7 @@ impl Scene<'_> {
     pub fn evaluate(&self, depth: &[f32], width: usize, cancel: &CancelFlag) -> PyResult<Vec<[f32; 3]>> {
         let mut image = vec![[0.0f32; 3]; depth.len()];
         let setup = Setup::new(&self.medium, &self.source, self.order);
+        let looked_up = self.bounded.as_ref().is_some_and(|b| !b.surrounds_light());
         let open = self.maps.is_empty()
             && self.bounded.is_none()
             && !self.lattice.orthographic
@@ -82,7 +90,8 @@ impl Scene<'_> {
                     setup: &setup,
                     batch: Batch::default(),
                     spans: Vec::new(),
-                    nodes: gauss_legendre(8),
+                    nodes: gauss_legendre(self.order),
+                    looked_up,
                 };
                 for (x, &depth_here) in depths.iter().enumerate() {
                     let bounded = self.bounded.as_ref().map(|b| {
@@ -132,6 +141,8 @@ struct Row<'a> {
     batch: Batch,
     spans: Vec<(f64, f64)>,
     nodes: Vec<(f64, f64)>,
+    /// Whether the way that light has come through the medium has to be looked up.
+    looked_up: bool,
 }
 
 impl Row<'_> {
@@ -245,7 +256,7 @@ impl Row<'_> {
         let scene = self.scene;
         let before = span.before + (from - span.from);
         let tau = from - seen.closest;
-        if scene.bounded.is_some() {
+        if self.looked_up {
             let sum = self.bounded(ray, seen, before, from, to);
             for c in 0..3 {
                 row[span.pixel][c] += sum[c] as f32;

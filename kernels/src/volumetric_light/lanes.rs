@@ -8,6 +8,8 @@ use super::rays::Lattice;
 use super::source::{CLOSEST_SHARE, Near, Profile, Seen, Source};
 use crate::rays::lanes::{LANES, Lanes, Simd, Work, dispatch};
 
+/// Widest panel in y where the source's intensity varies along it too.
+const SHAPED_WIDTH: f32 = 0.6;
 /// Extinction after which nothing that follows counts in single precision.
 const OPAQUE: f32 = 20.0;
 
@@ -15,6 +17,8 @@ const OPAQUE: f32 = 20.0;
 struct Group {
     channels: Vec<usize>,
     extinction: [f32; 3],
+    /// Whether one channel stands for all.
+    is_grey: bool,
     low: f32,
     high: f32,
 }
@@ -44,6 +48,9 @@ impl Setup {
                 low: extinctions.clone().fold(f64::INFINITY, f64::min) as f32,
                 high: extinctions.fold(0.0, f64::max) as f32,
                 extinction: medium.extinction.map(|e| e as f32),
+                is_grey: channels
+                    .iter()
+                    .all(|&c| medium.extinction[c] == medium.extinction[channels[0]]),
                 channels,
             }
         });
@@ -232,34 +239,41 @@ impl Integrate<'_> {
         };
         let peak = if setup.anisotropy > 0.0 { setup.peak } else { 1.0 };
         let mut most = [1.0f32; LANES];
-        for i in 0..LANES {
+        let widest = if setup.profile == Profile::Uniform {
+            PANEL_WIDTH as f32
+        } else {
+            SHAPED_WIDTH
+        };
+        for (i, most) in most.iter_mut().enumerate() {
             let h = b.height[i];
             let (tau0, tau1) = (b.tau[i], b.tau[i] + b.length[i]);
             let (d0, d1) = ((h * h + tau0 * tau0).sqrt(), (h * h + tau1 * tau1).sqrt());
             let (sum0, sum1) = (d0 + tau0.abs(), d1 + tau1.abs());
-            let z0 = if tau0 > 0.0 { sum0 / h } else { h / sum0 };
-            let z1 = if tau1 > 0.0 { sum1 / h } else { h / sum1 };
-            let change = (b.length[i] * ((z0 + z1) / (d0 + d1)));
-            let change = if change < longest / h { change } else { longest / h };
+            let (over0, under0) = if tau0 > 0.0 { (sum0, h) } else { (h, sum0) };
+            let (over1, under1) = if tau1 > 0.0 { (sum1, h) } else { (h, sum1) };
+            let (z0, z1) = (over0 / under0, over1 / under1);
+            let per_height = 1.0 / h;
+            let change = b.length[i] * ((z0 + z1) / (d0 + d1));
+            let limit = longest * per_height;
+            let change = if change < limit { change } else { limit };
             let near = if setup.radius > 0.0 {
                 0.5 * h / setup.radius
             } else {
                 1.0
             };
-            let c = peak.min(near).min(free_path / h);
-            let (a0, a1) = (z0 / c, (z0 + change) / c);
+            let c = peak.min(near).min(free_path * per_height);
+            let per_scale = 1.0 / c;
+            let (a0, a1) = (z0 * per_scale, (z0 + change) * per_scale);
             let (cosh0, cosh1) = ((1.0 + a0 * a0).sqrt(), (1.0 + a1 * a1).sqrt());
             // e^(y1 - y0) - 1, with y = asinh(a) = ln(a + cosh).
-            let grown = (change / c) * (1.0 + (a0 + a1) / (cosh0 + cosh1)) / (a0 + cosh0);
+            let both = cosh0 + cosh1;
+            let grown = change * per_scale * (both + a0 + a1) / (both * (a0 + cosh0));
             let width = ln_1p(grown);
             panels.start[i] = z0;
             panels.scale[i] = c;
             panels.step[i] = width;
-            let (wide, deep) = (
-                width / PANEL_WIDTH as f32,
-                group.high * h * change / PANEL_DEPTH as f32,
-            );
-            most[i] = if wide > deep { wide } else { deep };
+            let (wide, deep) = (width / widest, group.high * h * change / PANEL_DEPTH as f32);
+            *most = if wide > deep { wide } else { deep };
         }
         let most = most.iter().fold(1.0f32, |a, &b| if b > a { b } else { a });
         panels.count = (most.ceil() as usize).clamp(1, 4096);
@@ -333,6 +347,7 @@ impl Integrate<'_> {
     #[inline(always)]
     fn group<const SHAPED: bool, const TURNED: bool>(&self, group: &Group, sums: &mut [Lanes; 3]) {
         let panels = self.panels(group);
+        let evaluated = &group.channels[..if group.is_grey { 1 } else { group.channels.len() }];
         let (mut start, mut before, mut slope) = (panels.start, [0.0f32; LANES], [0.0f32; LANES]);
         for _ in 0..panels.count {
             for i in 0..LANES {
@@ -348,7 +363,7 @@ impl Integrate<'_> {
                         * (weight * panels.step[i]);
                     depths[i] = (before[i] + grown) * self.batch.height[i];
                 }
-                for &c in &group.channels {
+                for &c in evaluated {
                     let extinction = group.extinction[c];
                     let sum = &mut sums[c];
                     for i in 0..LANES {
@@ -361,6 +376,9 @@ impl Integrate<'_> {
                 before[i] += grown;
                 start[i] = panels.start[i] + before[i];
             }
+        }
+        for &c in &group.channels[evaluated.len()..] {
+            sums[c] = sums[group.channels[0]];
         }
     }
 }

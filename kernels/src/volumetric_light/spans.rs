@@ -29,17 +29,42 @@ pub struct MediumMap {
     width: usize,
     height: usize,
     depths: Vec<f32>,
+    /// The only stretch inside at each texel; NaN where there are several.
+    single: Vec<[f32; 2]>,
+    /// Whether every texel begins inside and leaves the medium once: then what lies inside has nothing else before it.
+    pub begins_inside: bool,
 }
 
 impl MediumMap {
     /// `depths` (layers, height, width); `map` the same view, for its coordinates.
     pub fn new(map: LightMap, layers: usize, width: usize, height: usize, depths: Vec<f32>) -> MediumMap {
+        let plane = width * height;
+        let at = |layer: usize, texel: usize| {
+            if layer < layers {
+                depths[layer * plane + texel]
+            } else {
+                f32::INFINITY
+            }
+        };
+        let single: Vec<[f32; 2]> = (0..plane)
+            .map(
+                |texel| match [0, 1, 2].map(|layer| at(layer, texel).is_finite()) {
+                    [false, ..] => [0.0, 0.0],
+                    [true, false, _] => [0.0, at(0, texel)],
+                    [true, true, false] => [at(0, texel), at(1, texel)],
+                    _ => [f32::NAN; 2],
+                },
+            )
+            .collect();
+        let once = |texel: usize| at(0, texel).is_finite() && !at(1, texel).is_finite();
         MediumMap {
+            begins_inside: !map.view.orthographic && (0..plane).all(once),
             map,
             layers,
             width,
             height,
             depths,
+            single,
         }
     }
 
@@ -49,6 +74,10 @@ impl MediumMap {
 
     /// Depth inside the medium from the eye to `depth` at a texel.
     fn within(&self, x: usize, y: usize, depth: f32) -> f32 {
+        let [from, to] = self.single[y * self.width + x];
+        if !from.is_nan() {
+            return (depth.min(to) - from).max(0.0);
+        }
         let at = |layer: usize| self.depths[(layer * self.height + y) * self.width + x];
         let count = (0..self.layers)
             .take_while(|&layer| at(layer).is_finite())

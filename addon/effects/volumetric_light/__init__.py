@@ -1,0 +1,39 @@
+"""Light scattered by a homogeneous medium, with the shadows in it; see README.md in this folder."""
+
+from ...core.effect import Blend, Effect, LayerKind, Metric
+from .gpu_steps import variants
+from .params import VolumetricLightParams
+from .reference import scattered, transmitted
+from .run import needed, run
+
+EFFECT = Effect(
+    id="volumetric_light",
+    title="Volumetric Light",
+    params=VolumetricLightParams,
+    layers=(
+        LayerKind(
+            title="Volumetric",
+            channels="RGB",
+            metric=Metric.RELATIVE_L2,
+            reference=scattered,
+            reference_name="ray marched, 2 x 128 shadow rays",
+            per_light=True,
+            blend=Blend.ADD,
+            doc="Radiance that the medium scatters once from the light towards the eye, W/(m² sr)",
+        ),
+        LayerKind(
+            title="Transmittance",
+            channels="RGB",
+            metric=Metric.RELATIVE_L2,
+            reference=transmitted,
+            reference_name="exact",
+            blend=Blend.MULTIPLY,
+            doc="Share of a surface's light that the medium lets through to the eye",
+        ),
+    ),
+    needed=needed,
+    run=run,
+    doc="Shafts of light and fog, from the lit stretches of each view ray and the integral along them",
+    source="GPU Zen, II.2, participating media by extruded light volumes; walked here instead of extruded",
+    shaders=variants,
+)

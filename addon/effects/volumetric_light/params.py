@@ -1,0 +1,77 @@
+"""Settings of volumetric light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from ...core.params import Colour, Params, param
+
+
+class Method(Enum):
+    """How lit stretches of a ray become light."""
+
+    WALK = "walk"
+    LUT = "lut"
+
+
+class Scale(Enum):
+    """Of the image that is evaluated, to each side of the one that is baked."""
+
+    FULL = "1"
+    HALF = "1/2"
+    QUARTER = "1/4"
+
+    @property
+    def stride(self) -> int:
+        return {"1": 1, "1/2": 2, "1/4": 4}[self.value]
+
+
+@dataclass(frozen=True)
+class VolumetricLightParams(Params):
+    use_scene_medium: bool = param(
+        True, doc="The medium is the world's volume or a mesh's; off: the coefficients below, everywhere"
+    )
+    scattering_per_m: Colour = param(
+        Colour(0.02, 0.02, 0.02),
+        hard=(0.0, 1e6),
+        soft=(0.0, 1.0),
+        unit="1/m",
+        doc="Share of light turned aside in each metre, by channel",
+    )
+    absorption_per_m: Colour = param(
+        Colour(0.0, 0.0, 0.0),
+        hard=(0.0, 1e6),
+        soft=(0.0, 1.0),
+        unit="1/m",
+        doc="Share of light taken in each metre, by channel",
+    )
+    anisotropy: float = param(
+        0.0,
+        hard=(-0.9999, 0.9999),
+        soft=(-0.95, 0.95),
+        doc="Mean cosine of scattering (Henyey-Greenstein): above 0 light mostly goes on, below it returns",
+    )
+    light_samples: int = param(
+        4,
+        hard=(1, 256),
+        soft=(1, 32),
+        trades_time=True,
+        doc="Points that a light with a size is taken as, each with its own shadows",
+    )
+    resolution: int = param(
+        1024, hard=(64, 4096), unit="texel", trades_time=True, doc="Side of each light's depth map"
+    )
+    method: Method = param(
+        Method.WALK, doc="walk integrates each lit stretch; lut reads a table of the antiderivative"
+    )
+    scale: Scale = param(
+        Scale.FULL, doc="Side of the evaluated image to that of the baked one; depths guide the way back"
+    )
+    order: int = param(
+        4,
+        hard=(2, 16),
+        unit="node",
+        trades_time=True,
+        doc="Quadrature nodes for every factor e² of distance or e⁶ of extinction",
+    )

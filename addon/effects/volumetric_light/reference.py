@@ -1,0 +1,263 @@
+"""The truth that volumetric light is scored against: samples along each ray, a shadow ray to a random point
+of the light from each, float64. It shares only the intersection of rays with triangles with the effect."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...core.device import RayCaster
+from ...core.emitter import Emitter, EmitterKind
+from ...core.graph import PlannedLayer
+from ...core.outline import Outline, emitter_measure
+from ...core.view_rays import ViewRays
+from .media import Fill, fill_of
+
+SAMPLES = 128
+"""Along each ray, for each of the two estimates."""
+
+MOST_CROSSINGS = 32
+LIFT = 1e-6
+
+
+def transmitted(
+    rays: RayCaster, outline: Outline, layer: PlannedLayer, view_rays: ViewRays, seed: int
+) -> np.ndarray:
+    """(1, N, 3) float64, exact but for rounding."""
+    fill, _ = fill_of(outline, layer.params)
+    starts, ends = _limits(outline, view_rays)
+    extinction = np.array(fill.medium.extinction)
+    crossings = _camera_crossings(rays, outline, fill, view_rays)
+    metres = _inside(crossings, starts, ends)[:, None]
+    with np.errstate(invalid="ignore"):
+        depth = np.where(extinction > 0.0, metres * extinction, 0.0)
+    return np.exp(-depth)[None]
+
+
+def scattered(
+    rays: RayCaster, outline: Outline, layer: PlannedLayer, view_rays: ViewRays, seed: int
+) -> np.ndarray:
+    """(2, N, 3) float64: two independent estimates of the radiance scattered towards the eye."""
+    fill, _ = fill_of(outline, layer.params)
+    light = outline.lights[layer.light_index]
+    generator = np.random.Generator(np.random.PCG64(seed))
+    casters = np.zeros(len(outline.instances), np.uint8)
+    casters[sorted(layer.casters)] = 1
+    starts, ends = _limits(outline, view_rays)
+    crossings = _camera_crossings(rays, outline, fill, view_rays)
+    ends = np.maximum(ends, starts)
+    if fill.instances is not None:
+        # Nothing is scattered beyond the last exit.
+        last = np.where(np.isfinite(crossings), crossings, -np.inf).max(axis=1, initial=-np.inf)
+        first = crossings.min(axis=1, initial=np.inf)
+        inside = np.isfinite(crossings).sum(axis=1) % 2 == 1
+        starts = np.where(inside, starts, np.maximum(starts, np.where(np.isfinite(first), first, starts)))
+        ends = np.maximum(np.minimum(ends, last), starts)
+    halves = [
+        _estimate(rays, light.emitter, fill, view_rays, starts, ends, crossings, casters, outline, generator)
+        for _ in range(2)
+    ]
+    measure = emitter_measure(light.emitter)
+    unit = np.array(light.intensity) / (measure if measure > 0.0 else 1.0)
+    return np.array(halves) * unit
+
+
+def _limits(outline: Outline, view_rays: ViewRays) -> tuple[np.ndarray, np.ndarray]:
+    """Where each ray begins, at the near plane as in Cycles, and ends, (N,) metres."""
+    along = view_rays.directions @ np.array(outline.view.forward)
+    return outline.view.near / along, view_rays.distances
+
+
+def _camera_crossings(rays, outline: Outline, fill: Fill, view_rays: ViewRays) -> np.ndarray | None:
+    if fill.instances is None:
+        return None
+    far = np.full(len(view_rays), 1e9)
+    return _crossings(rays, outline, fill, view_rays.origins, view_rays.directions, far)
+
+
+def _crossings(rays, outline: Outline, fill: Fill, origins, directions, t_max) -> np.ndarray:
+    """(N, C) ascending distances of the medium's surface, infinite where there are no more."""
+    mask = np.zeros(len(outline.instances), np.uint8)
+    mask[sorted(fill.instances)] = 1
+    count, found = len(origins), []
+    reached = np.zeros(count)
+    relative = origins - rays.origin
+    for _ in range(MOST_CROSSINGS):
+        begin = (relative + reached[:, None] * directions).astype(np.float32)
+        room = np.maximum(t_max - reached, 0.0).astype(np.float32)
+        distance, instance, _ = rays.nearest(mask, begin, np.ascontiguousarray(directions, np.float32), room)
+        hit = instance >= 0
+        if not hit.any():
+            break
+        at = np.where(hit, reached + distance, np.inf)
+        found.append(at)
+        reached = np.where(hit, at + LIFT * (1.0 + np.abs(at)), t_max)
+    return np.array(found).T if found else np.full((count, 1), np.inf)
+
+
+def _inside(crossings: np.ndarray | None, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """(N,) metres between `starts` and `ends` that lie inside the medium whose surface is crossed there; None
+    for a medium that is everywhere."""
+    if crossings is None:
+        return np.maximum(ends - starts, 0.0)
+    inside = np.isfinite(crossings).sum(axis=1) % 2 == 1
+    edges = np.concatenate([np.zeros((len(crossings), 1)), crossings], axis=1)
+    edges = np.concatenate([edges, np.full((len(crossings), 1), np.inf)], axis=1)
+    total = np.zeros(len(crossings))
+    for k in range(edges.shape[1] - 1):
+        low, high = np.maximum(edges[:, k], starts), np.minimum(edges[:, k + 1], ends)
+        total += np.where(inside & (high > low), high - low, 0.0)
+        inside = inside ^ np.isfinite(edges[:, k + 1])
+    return total
+
+
+def _estimate(rays, emitter, fill, view_rays, starts, ends, crossings, casters, outline, generator):
+    medium = fill.medium
+    count = len(view_rays)
+    extinction = np.array(medium.extinction)
+    origins, directions = view_rays.origins, view_rays.directions
+    uniform = (np.arange(SAMPLES) + generator.random((count, SAMPLES))) / SAMPLES
+    closest = np.einsum("nc,nc->n", np.array(emitter.centre) - origins, directions)
+    foot = origins + closest[:, None] * directions - np.array(emitter.centre)
+    height = np.maximum(np.linalg.norm(foot, axis=1), 0.25 * emitter.half_width + 1e-6)
+    distant = emitter.kind == EmitterKind.DISTANT_DISK
+    t, density = _places(uniform, starts, ends, closest, height, float(extinction.mean()), distant)
+    points = origins[:, None] + t[..., None] * directions[:, None]
+    to_light, far, weight = _towards(emitter, points.reshape(-1, 3), generator.random((count * SAMPLES, 2)))
+    begin = (points.reshape(-1, 3) - rays.origin).astype(np.float32)
+    lit = ~rays.occluded(casters, begin, to_light.astype(np.float32), (far * (1.0 - 1e-6)).astype(np.float32))
+    # The angle is the one between where light goes and where the eye is.
+    cosine = np.einsum("nsc,nc->ns", to_light.reshape(count, SAMPLES, 3), directions)
+    g = medium.anisotropy
+    phase = (1.0 - g * g) / (4.0 * math.pi * np.maximum(1.0 + g * g - 2.0 * g * cosine, 1e-300) ** 1.5)
+    if fill.instances is None:
+        travelled = t - starts[:, None] + (0.0 if distant else far.reshape(count, SAMPLES))
+        within = np.ones_like(t, bool)
+    else:
+        repeated = np.repeat(crossings, SAMPLES, axis=0)
+        before = _inside(repeated, np.repeat(starts, SAMPLES), t.reshape(-1))
+        within = _is_inside(repeated, t.reshape(-1)).reshape(t.shape)
+        reach = np.where(np.isfinite(far), far, 1e9)
+        way = _crossings(rays, outline, fill, points.reshape(-1, 3), to_light, reach)
+        after = np.where(
+            np.isfinite(way).any(axis=1),
+            _inside(way, np.zeros(len(way)), reach),
+            np.where(within.reshape(-1), reach, 0.0),
+        )
+        travelled = (before + after).reshape(t.shape)
+    value = phase * weight.reshape(t.shape) * lit.reshape(t.shape) * within / density
+    value = np.where(np.isfinite(value), value, 0.0)[..., None] * np.exp(-travelled[..., None] * extinction)
+    return value.mean(axis=1) * np.array(medium.scattering)
+
+
+def _is_inside(crossings: np.ndarray, t: np.ndarray) -> np.ndarray:
+    behind = (crossings <= t[:, None]).sum(axis=1)
+    return (np.isfinite(crossings).sum(axis=1) - behind) % 2 == 1
+
+
+def _places(uniform, starts, ends, closest, height, extinction, distant):
+    """Distances (N, S) along the rays and their densities: half by transmittance, half by the angle at the
+    light (a sun: evenly), inverted by bisection."""
+    low, high = starts[:, None], np.minimum(ends, 1e9)[:, None]
+    h, c = height[:, None], closest[:, None]
+    room = np.maximum(high - low, 1e-300)
+    opaque = -np.expm1(-extinction * room)
+    if distant:
+        along = np.minimum(room, 1e4)
+    else:
+        first, sweep = np.arctan((low - c) / h), np.arctan2(h * room, h * h + (low - c) * (high - c))
+
+    def share(t):
+        thinned = -np.expm1(-extinction * (t - low)) / opaque if extinction > 0.0 else (t - low) / room
+        other = np.minimum((t - low) / along, 1.0) if distant else (np.arctan((t - c) / h) - first) / sweep
+        return 0.5 * (thinned + other)
+
+    bottom, top = np.broadcast_to(low, uniform.shape).copy(), np.broadcast_to(high, uniform.shape).copy()
+    for _ in range(64):
+        middle = 0.5 * (bottom + top)
+        below = share(middle) < uniform
+        bottom, top = np.where(below, middle, bottom), np.where(below, top, middle)
+    t = 0.5 * (bottom + top)
+    thinned = extinction * np.exp(-extinction * (t - low)) / opaque if extinction > 0.0 else 1.0 / room
+    other = np.where(t - low < along, 1.0 / along, 0.0) if distant else h / (h * h + (t - c) ** 2) / sweep
+    density = 0.5 * (thinned + other)
+    return t, np.where(high > low, density, np.inf)
+
+
+def _towards(emitter: Emitter, points: np.ndarray, square: np.ndarray):
+    """For each point (N, 3): a direction to a random point of the light, its distance, and the irradiance
+    that a facing surface gets there per unit of radiance (of intensity, for a light of no size), over the
+    density."""
+    right, up, forward = (np.array(axis) for axis in (emitter.right, emitter.up, emitter.forward))
+    radius, turn = np.sqrt(square[:, :1]), 2.0 * math.pi * square[:, 1:]
+    disk = np.concatenate([radius * np.cos(turn), radius * np.sin(turn)], axis=1)
+    if emitter.kind == EmitterKind.DISTANT_DISK:
+        least = 1.0 / math.hypot(1.0, emitter.half_width)
+        cosine = 1.0 - (1.0 - least) * square[:, :1]
+        across = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+        away = cosine * forward + across * (np.cos(turn) * right + np.sin(turn) * up)
+        solid = 2.0 * math.pi * (1.0 - least) if emitter.half_width > 0.0 else 1.0
+        return -away, np.full(len(points), np.inf), np.full(len(points), solid)
+    centre = np.array(emitter.centre)
+    if emitter.kind in (EmitterKind.RECTANGLE, EmitterKind.ELLIPSE):
+        plan = 2.0 * square - 1.0 if emitter.kind == EmitterKind.RECTANGLE else disk
+        plan = plan * [emitter.half_width, emitter.half_height]
+        towards = centre + plan @ np.array([right, up]) - points
+        normal = np.broadcast_to(forward, points.shape)
+    else:
+        to_centre = centre - points
+        away = np.maximum(np.linalg.norm(to_centre, axis=1, keepdims=True), 1e-30)
+        if emitter.kind == EmitterKind.SPHERE and emitter.half_width > 0.0:
+            return _to_sphere(emitter, to_centre, away[:, 0], square)
+        normal = -to_centre / away
+        helper = np.where(np.abs(normal[:, :1]) > 0.7, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
+        first = np.cross(normal, helper)
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        second = np.cross(normal, first)
+        towards = to_centre + emitter.half_width * (disk[:, :1] * first + disk[:, 1:] * second)
+    distance = np.maximum(np.linalg.norm(towards, axis=1), 1e-30)
+    direction = towards / distance[:, None]
+    facing = np.maximum(-np.einsum("nc,nc->n", direction, normal), 0.0)
+    area = emitter_measure(emitter) or 1.0
+    if emitter.kind == EmitterKind.ELLIPSE:
+        area = math.pi * emitter.half_width * emitter.half_height or 1.0
+    weight = facing / distance**2 * area * _profile(emitter, direction)
+    return direction, distance, weight
+
+
+def _to_sphere(emitter: Emitter, to_centre, away, square):
+    radius = emitter.half_width
+    outside = away > radius
+    sine2 = np.where(outside, (radius / away) ** 2, 1.0)
+    least = np.where(outside, np.sqrt(np.maximum(1.0 - sine2, 0.0)), -1.0)
+    cosine = 1.0 - (1.0 - least) * square[:, 0]
+    across = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+    axis = to_centre / away[:, None]
+    helper = np.where(np.abs(axis[:, :1]) > 0.7, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
+    first = np.cross(axis, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(axis, first)
+    turn = 2.0 * math.pi * square[:, 1:]
+    direction = cosine[:, None] * axis + across[:, None] * (np.cos(turn) * first + np.sin(turn) * second)
+    chord = np.sqrt(np.maximum(radius**2 - (away * across) ** 2, 0.0))
+    distance = away * cosine + np.where(outside, -chord, chord)
+    weight = 2.0 * math.pi * (1.0 - least) * _profile(emitter, direction)
+    return direction, np.maximum(distance, 0.0), weight
+
+
+def _profile(emitter: Emitter, direction: np.ndarray) -> np.ndarray:
+    """Relative radiance (N,) towards points whose `direction` to the light is given; core/emitter.py."""
+    axis = np.array(emitter.forward)
+    cosine = -direction @ axis
+    result = np.ones(len(direction))
+    if math.isfinite(emitter.tan_half_spread):
+        sine = np.linalg.norm(np.cross(direction, axis), axis=1)
+        slope = np.where(cosine > 0.0, sine / np.maximum(cosine, 1e-30), np.inf)
+        spread = emitter.tan_half_spread
+        result *= np.maximum(spread - slope, 0.0) / (spread - math.atan(spread))
+    if emitter.cos_cone > -1.0:
+        width = max((1.0 - emitter.cos_cone) * emitter.blend, 1e-12)
+        x = np.clip((cosine - emitter.cos_cone) / width, 0.0, 1.0)
+        result *= x * x * (3.0 - 2.0 * x)
+    return result

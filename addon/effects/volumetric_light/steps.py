@@ -1,0 +1,125 @@
+"""The steps of volumetric light, each with its two twins."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.graph import Step
+from ...core.medium import Medium
+from ...core.surface import Chunk
+from . import gpu_steps
+from .lattice import lattice_of, offset_of
+
+BOUNDED_HOLE = "the way that light has come through a mesh's medium is looked up on the CPU"
+TABLE_HOLE = "the table is there to compare with, on the CPU"
+
+
+def _light_map(device, depth, view):
+    return device.kernels.light_map(depth, view.packed(), cancel=device.cancel_flag)
+
+
+def _medium_map(device, depth, view):
+    return device.kernels.medium_map(depth, view.packed(), cancel=device.cancel_flag)
+
+
+def _spans(device, geometry, view, instances, layers, stride, chunk: Chunk):
+    lattice = lattice_of(view, chunk, stride)
+    return device.kernels.layered_depth(
+        geometry,
+        device.instance_mask(instances),
+        lattice.seen().packed(),
+        layers,
+        lattice.width,
+        lattice.height,
+        cancel=device.cancel_flag,
+    )
+
+
+def _coarse_depth(depth: np.ndarray, chunk: Chunk, stride: int) -> np.ndarray:
+    if stride == 1:
+        return depth
+    dx, dy = offset_of(chunk.width, stride), offset_of(chunk.y1 - chunk.y0, stride)
+    return np.ascontiguousarray(depth[dy::stride, dx::stride])
+
+
+def _airlight(device, surface, *maps, view, medium: Medium, source, windows, order, stride, chunk: Chunk):
+    return _kernel(device, surface, maps, view, medium, source, order, stride, chunk)
+
+
+def _by_table(device, surface, *maps, view, medium: Medium, source, reach, stride, chunk: Chunk):
+    return _kernel(device, surface, maps, view, medium, source, 8, stride, chunk, table_reach=reach)
+
+
+def _bounded(
+    device, surface, spans, *inputs, view, medium: Medium, source, maps, order, stride, chunk: Chunk
+):
+    more = {"spans": spans, "medium_maps": list(inputs[maps:])}
+    return _kernel(device, surface, inputs[:maps], view, medium, source, order, stride, chunk, **more)
+
+
+def _kernel(device, surface, maps, view, medium, source, order, stride, chunk, **more):
+    return device.kernels.airlight(
+        _coarse_depth(surface["depth"], chunk, stride),
+        lattice_of(view, chunk, stride).packed(),
+        medium.packed(),
+        source.packed(),
+        list(maps),
+        order=order,
+        cancel=device.cancel_flag,
+        **more,
+    )
+
+
+def _scattered(device, surface, *parts, intensity, shares, stride, chunk: Chunk):
+    total = sum(np.float32(share) * part for share, part in zip(shares, parts, strict=True))
+    total *= np.array(intensity, np.float32)
+    if stride == 1:
+        return total
+    offset = offset_of(chunk.width, stride), offset_of(chunk.y1 - chunk.y0, stride)
+    depth = surface["depth"]
+    coarse_depth = _coarse_depth(depth, chunk, stride)
+    return device.kernels.upsample_by_depth(
+        total, coarse_depth, depth, stride, offset, cancel=device.cancel_flag
+    )
+
+
+def _transmittance(device, surface, view, medium: Medium, chunk: Chunk):
+    starts, ends = _limits(surface, view, chunk)
+    metres = np.maximum(ends - starts, np.float32(0.0))
+    return device.kernels.transmittance(metres, np.array(medium.extinction, np.float64))
+
+
+def _bounded_transmittance(device, surface, spans, view, medium: Medium, chunk: Chunk):
+    starts, ends = _limits(surface, view, chunk)
+    metres = device.kernels.metres_inside(spans * lattice_of(view, chunk).lengths(), starts, ends)
+    return device.kernels.transmittance(metres, np.array(medium.extinction, np.float64))
+
+
+def _limits(surface, view, chunk: Chunk) -> tuple[np.ndarray, np.ndarray]:
+    """Metres along each ray (rows, width) where it begins, as in Cycles at the near plane, and ends."""
+    lengths = lattice_of(view, chunk).lengths()
+    return np.float32(view.near) * lengths, surface["depth"] * lengths
+
+
+# A light's depth map with minima and maxima, for walking along rays.
+LIGHT_MAP = Step("volumetric_light/light_map", cpu=_light_map, gpu=gpu_steps.light_map, copyable=False)
+# A bounded medium's entries and exits from a light.
+MEDIUM_MAP = Step("volumetric_light/medium_map", cpu=_medium_map, hole=BOUNDED_HOLE, copyable=False)
+# A bounded medium's entries and exits along the camera's rays.
+SPANS = Step("volumetric_light/spans", cpu=_spans, hole=BOUNDED_HOLE, per_surface=True, told_chunk=True)
+# Light of one point of a light, scattered once towards the eye (source, eq. 2.2) in a medium without end.
+AIRLIGHT = Step("volumetric_light/airlight", cpu=_airlight, gpu=gpu_steps.airlight, told_chunk=True)
+# The same in a medium that fills meshes.
+BOUNDED = Step("volumetric_light/bounded_airlight", cpu=_bounded, hole=BOUNDED_HOLE, told_chunk=True)
+# The same by the source's table of the antiderivative (source, listings 2.3 and 2.4).
+BY_TABLE = Step("volumetric_light/airlight_by_table", cpu=_by_table, hole=TABLE_HOLE, told_chunk=True)
+# All points of a light together, at every pixel.
+SCATTERED = Step("volumetric_light/scattered", cpu=_scattered, gpu=gpu_steps.scattered, told_chunk=True)
+# What gets through the medium from a surface to the eye.
+TRANSMITTANCE = Step(
+    "volumetric_light/transmittance", cpu=_transmittance, gpu=gpu_steps.transmittance, told_chunk=True
+)
+# The same in a medium that fills meshes.
+BOUNDED_TRANSMITTANCE = Step(
+    "volumetric_light/bounded_transmittance", cpu=_bounded_transmittance, hole=BOUNDED_HOLE, told_chunk=True
+)
