@@ -1,0 +1,1 @@
+"""Extreme inputs, one module an effect: each has ROWS(), which measures them."""

@@ -1,0 +1,30 @@
+"""One extreme input, measured on both devices."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Row:
+    """`errors` by device name: how wrong the result is, NaN where it is not a number. `bound`: what is
+    allowed. `refused`: the message of an input that is refused instead."""
+
+    effect: str
+    extreme: str
+    truth: str
+    errors: dict[str, float]
+    bound: float
+    refused: str = ""
+
+    def cell(self, device: str) -> str:
+        """For the table: the error, marked where it is beyond the bound."""
+        if self.refused:
+            return f"refused: {self.refused}"
+        error = self.errors.get(device)
+        if error is None:
+            return "no device"
+        if math.isnan(error):
+            return "**NaN**"
+        return f"{error:.1e}" if error <= self.bound else f"**{error:.1e}**"
