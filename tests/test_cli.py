@@ -206,7 +206,7 @@ def test_the_scene_keeps_its_own_choices(tmp_path):
         "properties.register()\n"
         "bpy.ops.wm.open_mainfile(filepath=sys.argv[1])\n"
         "settings = bpy.context.scene.strata\n"
-        "settings.soft_shadow.enabled = False\n"
+        "settings.soft_shadow.enabled = settings.volumetric_light.enabled = False\n"
         "settings.soft_shadow.layers = 5\n"
         "settings.samples = 1\n"
         "bpy.ops.wm.save_as_mainfile(filepath=sys.argv[2])\n"

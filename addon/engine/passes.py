@@ -54,7 +54,8 @@ def registered(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> Itera
         if not getattr(scene.strata, effect.id).enabled:
             continue
         for kind in effect.layers:
-            for light in _shadowing_lights(view_layer) if kind.per_light else ("",):
+            shadows = kind.blend == Blend.SCALE_LIGHT
+            for light in _lights(view_layer, shadows) if kind.per_light else ("",):
                 taken.append(layer_name(kind.title, light, taken))
                 yield _pass_kind(taken[-1], kind)
 
@@ -63,18 +64,19 @@ def _pass_kind(name: str, kind: LayerKind) -> PassKind:
     return PassKind(name, kind.channels, _NEUTRAL.get(kind.blend, 0.0))
 
 
-def _shadowing_lights(view_layer: bpy.types.ViewLayer) -> Iterator[str]:
-    """Names as addon/scene/scan.py gives them. No depsgraph may be had here: Blender asks for the passes
-    while it draws node editors and before renders."""
+def _lights(view_layer: bpy.types.ViewLayer, shadowing: bool) -> Iterator[str]:
+    """All, or those that cast shadows: names as addon/scene/scan.py gives them. No depsgraph may be had here:
+    Blender asks for the passes while it draws node editors and before renders."""
     for shown in view_layer.objects:
         if shown.hide_render:
             continue
         if shown.type == "LIGHT":
-            if shown.data.use_shadow:
+            if shown.data.use_shadow or not shadowing:
                 yield shown.name
         elif shown.instance_type == "COLLECTION" and shown.instance_collection is not None:
             for part in shown.instance_collection.all_objects:
-                if part.type == "LIGHT" and part.data.use_shadow and not part.hide_render:
+                wanted = part.type == "LIGHT" and (part.data.use_shadow or not shadowing)
+                if wanted and not part.hide_render:
                     yield f"{part.name} {shown.name}"
 
 
