@@ -10,7 +10,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from benchmark import goals, idle, machine, passes, race, scenes
+from benchmark import goals, idle, machine, passes, race, scenes, volumetric
 from benchmark.document import ROOT, milliseconds, significant, write_block
 from benchmark.methods import Effect, Rays, surface_of
 from benchmark.sections import read_sections
@@ -57,7 +57,21 @@ def run_idle(folder: Path, quick: bool) -> str:
     return idle.tables(idle.run(size=(240, 135) if quick else None, repeats=1 if quick else 5))
 
 
-SECTIONS = {"race": run_race, "passes": run_passes, "goals": run_goals, "idle": run_idle}
+def run_volumetric(folder: Path, quick: bool) -> str:
+    """The open integral, and the walk against a march through the same maps."""
+    scene = scenes.open_sample("mist")
+    lights = volumetric.prepared(scene, scene.view_layers[0])
+    marched = volumetric.against_marching(lights[:1] if quick else lights)
+    return f"{volumetric.open_integral()}\n\n{marched}"
+
+
+SECTIONS = {
+    "race": run_race,
+    "passes": run_passes,
+    "goals": run_goals,
+    "idle": run_idle,
+    "volumetric": run_volumetric,
+}
 
 
 def main() -> None:
