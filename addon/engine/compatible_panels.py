@@ -51,12 +51,17 @@ def _is_compatible(panel: type) -> bool:
     return _GENERAL in panel.COMPAT_ENGINES
 
 
+_joined: list[type] = []
+
+
 def register() -> None:
     for panel in _panels():
-        if _is_compatible(panel):
+        if _is_compatible(panel) and ENGINE_ID not in panel.COMPAT_ENGINES:
             panel.COMPAT_ENGINES.add(ENGINE_ID)
+            _joined.append(panel)
 
 
 def unregister() -> None:
-    for panel in _panels():
-        panel.COMPAT_ENGINES.discard(ENGINE_ID)
+    """Panels that were Strata's from the start, its own, stay so."""
+    while _joined:
+        _joined.pop().COMPAT_ENGINES.discard(ENGINE_ID)
