@@ -49,7 +49,7 @@ def visibility(stage, emitter, points, with_tables):
     surface = (points.astype(np.float32), normals, normals)
     tables = tables_of(stage, emitter, views) if with_tables else []
     found, doubt = kernels.soft_shadow_backproject(
-        *surface, stage.origin, emitter.packed(), maps, beside=tables
+        *surface, stage.origin, emitter.packed(), maps, leave_uncertain=True, beside=tables
     )
     accelerator = kernels.Accel(stage.geometry, stage.origin, stage.everything())
     truth, weight = kernels.ray_visibility(

@@ -180,14 +180,13 @@ def test_a_point_sees_the_occluders_beside_a_small_window(windows, method):
     truth, weight = closed_forms.visibility(emitter, points, np.tile(UP, (len(points), 1)), BESIDE)
     stage = Stage([GROUND, *BESIDE])
     maps = nested_maps(stage, windows)
-    found, doubt = stage.visibility(emitter, points, normals, method, maps=maps)
+    found, _ = stage.visibility(emitter, points, normals, method, maps=maps)
     # As the widest alone; to read the smallest map alone gave .13.
     assert weighted_rmse(found, truth, weight) < 0.012
-    # The other twin, to the last sample, and the same doubt.
+    # The other twin, to the last sample.
     other = "plain" if method == "bitmask" else "bitmask"
-    twin, twin_doubt = stage.visibility(emitter, points, normals, other, maps=maps)
+    twin, _ = stage.visibility(emitter, points, normals, other, maps=maps)
     assert np.abs(found - twin).max() < 1e-5
-    np.testing.assert_array_equal(doubt, twin_doubt)
 
 
 def test_the_small_window_of_a_sun_reads_what_the_wide_one_knows():
@@ -255,11 +254,10 @@ def test_a_missing_layer_and_a_shifted_map_show(tori, tori_truth):
 @pytest.mark.parametrize("max_samples", [64, 512, 1 << 20])
 def test_the_fast_twin_hides_the_same_samples_as_the_plain_one(tori, max_samples):
     maps = tori_maps(tori, resolution=512)
-    fast, fast_doubt = tori_visibility(tori, maps, max_samples)
-    plain, plain_doubt = tori_visibility(tori, maps, max_samples, method="plain")
+    fast, _ = tori_visibility(tori, maps, max_samples)
+    plain, _ = tori_visibility(tori, maps, max_samples, method="plain")
     # One sample more or less would be 1/256; the rest is the order of adding up.
     assert np.abs(fast - plain).max() < 1e-5
-    np.testing.assert_array_equal(fast_doubt, plain_doubt)
 
 
 @pytest.mark.parametrize("name", ["sphere", "facing disk", "sun", "ellipse"])
@@ -486,11 +484,14 @@ def test_the_sum_of_areas_overshadows_where_occluders_overlap():
 
 def test_uncertain_points_may_be_left_to_rays(tori):
     maps = tori_maps(tori, resolution=512)
-    found, uncertain = tori_visibility(tori, maps)
-    left, still_uncertain = tori_visibility(tori, maps, leave_uncertain=True)
-    np.testing.assert_array_equal(uncertain, still_uncertain)
+    found, doubted = tori_visibility(tori, maps)
+    left, uncertain = tori_visibility(tori, maps, leave_uncertain=True)
+    assert not doubted.any()
     np.testing.assert_array_equal(left[uncertain == 1], 1.0)
     np.testing.assert_array_equal(left[uncertain == 0], found[uncertain == 0])
+    plain, plainly_uncertain = tori_visibility(tori, maps, method="plain", leave_uncertain=True)
+    np.testing.assert_array_equal(uncertain, plainly_uncertain)
+    assert np.abs(left - plain).max() < 1e-5
     assert 0.0 < uncertain.mean() < 0.9
 
 
@@ -518,9 +519,9 @@ def lamp_view():
     return View((0.0, 0.0, 4.0), *DOWN, (-1.0, 1.0, -1.0, 1.0), 0.1, 10.0)
 
 
-@pytest.mark.parametrize("shape", [(1, 8, 8), (2, 0, 8), (2, 8, 0)])
+@pytest.mark.parametrize("shape", [(0, 8, 8), (2, 0, 8), (2, 8, 0)])
 def test_maps_of_useless_shape_are_refused(shape):
-    with pytest.raises(ValueError, match="layers and sides"):
+    with pytest.raises(ValueError, match="layer and sides"):
         kernels.soft_shadow_prepare(np.ones(shape, np.float32), lamp_view().packed())
 
 

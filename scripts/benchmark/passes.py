@@ -64,9 +64,7 @@ def search_texels(case: Case, surface: Surface, weight: np.ndarray) -> tuple[flo
     node = next(node for node in case.graph.nodes() if node.step.name == "layered_depth")
     view, layers, side = node.params["view"], node.params["layers"], node.params["width"]
     casters = case.device.instance_mask(node.params["casters"])
-    depths = strata_kernels.layered_depth(case.device.geometry(), casters, view.packed(), layers, side, side)[
-        :-1
-    ]
+    depths = strata_kernels.layered_depth(case.device.geometry(), casters, view.packed(), layers, side, side)
     (layer,) = case.graph.layers
     emitter = case.outline.lights[layer.light_index].emitter
     left, right, bottom, top = view.window

@@ -16,6 +16,9 @@ from .truth import Error, Truth, truth_by_rays
 
 RAY_COUNTS = (4, 16, 64)
 SETTINGS = {
+    "bitmask, 128²": {"resolution": 128},
+    "bitmask, 256², 64 samples": {"resolution": 256, "max_samples": 64},
+    "bitmask, 256², 256 samples": {"resolution": 256, "max_samples": 256},
     "bitmask, 256²": {"resolution": 256},
     "bitmask, 512²": {"resolution": 512},
     "bitmask, 1024²": {"resolution": 1024},

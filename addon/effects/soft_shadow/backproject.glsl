@@ -79,7 +79,7 @@ void evaluate(Seen seen, ivec2 pixel, bool doubtful)
     return;
   }
 #  endif
-  answer(pixel, none_hidden(hidden) ? 1.0 : resolve(seen, hidden), doubt);
+  answer(pixel, none_hidden(hidden) ? 1.0 : resolve(seen, hidden), false);
 }
 #endif
 

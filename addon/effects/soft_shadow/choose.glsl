@@ -2,16 +2,16 @@
 //
 // `choice` holds 8 * (map + 1) + 4 * doubt + rank. The first map that holds all texels that can hide the light (rank 3,
 // also of an only map; NESTED, of windows that share one eye and direction, the first that holds the point) is taken;
-// else the last that holds the point (2); else the last that the point can be seen in (1). With AREA there is no doubt.
+// else the last that holds the point (2); else the last that the point can be seen in (1). Doubts only with DOUBT, where rays will answer instead.
 #include "region.glsl"
-#ifndef AREA
+#ifdef DOUBT
 #  include "doubt.glsl"
 #endif
 
 // Whether rays know better than this map what there is around the point, or beside the window.
 bool is_doubtful(Seen seen, bool whole)
 {
-#ifdef AREA
+#ifndef DOUBT
   return false;
 #else
   bool cut_off = params.settings.z > 0.0 && !whole;
@@ -33,7 +33,7 @@ void main()
   }
   uint best = imageLoad(choice, pixel).r % 4u;
   vec3 facing = vec3(0.0);
-#ifndef AREA
+#ifdef DOUBT
   facing = texelFetch(geometric_normal, pixel, 0).xyz;
 #endif
   Seen seen;

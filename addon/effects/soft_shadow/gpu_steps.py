@@ -108,10 +108,8 @@ def _light_defines(emitter: Emitter, orthographic: bool) -> tuple[str, ...]:
 
 def _choose_variant(defines: tuple[str, ...], method: str, beside: bool = False) -> Shader:
     """`beside`: there is a table of what lies beside the window."""
-    if method == Method.AREA.value:
-        defines = (*defines, "AREA")
-    elif beside:
-        defines = (*defines, "BESIDE")
+    if method == Method.HYBRID.value:
+        defines = (*defines, "DOUBT", *["BESIDE"] * beside)
     shader = CHOOSE.defining(*defines)
     return replace(shader, samplers=(*shader.samplers, ("beside", "UINT_2D"))) if beside else shader
 
@@ -147,9 +145,10 @@ def variants() -> Iterator[Shader]:
             cone = 0.5 if limited and is_spot else -1.0
             emitter = Emitter(kind, (0.0, 0.0, 0.0), *axes, 1.0, 1.0, spread, cone)
             defines = _light_defines(emitter, kind == EmitterKind.DISTANT_DISK)
-            for method in (Method.AREA.value, Method.BITMASK.value):
-                for sharing in ((), ("NESTED",)):
+            for sharing in ((), ("NESTED",)):
+                for method in (Method.BITMASK.value, Method.HYBRID.value):
                     yield _choose_variant((*defines, *sharing), method)
+                for method in (Method.AREA.value, Method.BITMASK.value):
                     yield _backproject_variant((*defines, *sharing), method)
             if is_spot:
                 yield _choose_variant(defines, Method.HYBRID.value, beside=True)
@@ -159,8 +158,6 @@ def variants() -> Iterator[Shader]:
 def prepare(device, depth, view: View, gradient_scale: float, gradient_cap_m: float):
     """A dict of the images that map.glsl describes, and what shaders are told of them."""
     layers, height, width = depth.shape
-    if layers < 2:
-        raise ValueError("depths needs at least two layers")
     if not (gradient_scale >= 0.0 and gradient_cap_m >= 0.0):
         raise ValueError("gradient_scale and gradient_cap_m cannot be negative")
     levels = 1
@@ -213,6 +210,8 @@ def backproject(
     if max_samples < 1:
         raise ValueError("max_samples is at least 1")
     prepared_maps, tables = maps_and_tables[:maps], maps_and_tables[maps:]
+    if method == Method.AREA.value and any(prepared["params"]["map"][2] < 2 for prepared in prepared_maps):
+        raise ValueError("area needs maps of at least two layers")
     position = surface["position"]
     shape = position.shape[:2]
     size = shape[::-1]

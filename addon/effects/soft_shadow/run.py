@@ -156,10 +156,10 @@ def _record_light(recorder, outline, params, index, casters, seen, receivers, bo
 
 
 def _map(recorder: Recorder, outline: Outline, params: SoftShadowParams, view, casters, name: str) -> Node:
-    """A map has one layer more than is used: the last has no midpoint to the next."""
-    depth = shared.layered_depth(
-        recorder, outline, view, casters, params.layers + 1, (params.resolution, params.resolution), name
-    )
+    """The sum of areas stores one depth more than it uses: the last has no midpoint to the next."""
+    stored = params.layers + (params.method == Method.AREA)
+    size = params.resolution, params.resolution
+    depth = shared.layered_depth(recorder, outline, view, casters, stored, size, name)
     return recorder.step(
         steps.PREPARE,
         depth,

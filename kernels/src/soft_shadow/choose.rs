@@ -123,6 +123,13 @@ impl<'a> Maps<'a> {
         }
     }
 
+    /// Whether all maps see a point alike, having one eye and one direction.
+    pub fn see_alike(&self) -> bool {
+        let first = self.list.first();
+        let alike = |served: &Served| first.is_some_and(|first| served.map.view.eye == first.map.view.eye);
+        self.sharing != Sharing::Faces && self.list.iter().all(alike)
+    }
+
     /// The maps that a point which chose `map` has to read.
     pub fn to_read(&self, map: usize) -> std::ops::Range<usize> {
         match self.sharing {

@@ -23,7 +23,7 @@ pub enum Method {
 pub struct Settings {
     pub method: Method,
     pub max_samples: usize,
-    /// Uncertain points are not evaluated: rays will be.
+    /// Points where the map is not to be believed are found, and not evaluated: rays will be.
     pub leave_uncertain: bool,
 }
 
@@ -54,6 +54,7 @@ pub fn evaluate(
         maps,
         points,
         settings,
+        see_alike: maps.see_alike(),
     };
     let count = points.position.len();
     let mut visibility = vec![1.0f32; count];
@@ -125,10 +126,15 @@ impl Chunk<'_> {
             Start::Done(share, doubt) => {
                 (self.visibility[place], self.uncertain[place]) = (share, u8::from(doubt));
             }
-            Start::Open(map, hidden, doubt) => {
-                self.uncertain[place] = u8::from(doubt);
+            Start::Open(seen, map, hidden) => {
                 let read = self.scene.maps.to_read(map);
-                if let Some(seen) = self.scene.see(point, &self.scene.maps.list[read.start].light) {
+                let alike = self.scene.see_alike || map == read.start;
+                let seen = if alike {
+                    Some(seen)
+                } else {
+                    self.scene.see(point, &self.scene.maps.list[read.start].light)
+                };
+                if let Some(seen) = seen {
                     open[read.start].push(self.scene.open(seen, read.start, read.end, hidden, place));
                 }
             }
@@ -146,7 +152,11 @@ impl Chunk<'_> {
                 let next = self.scene.maps.list.get(number + 1);
                 let next = next.filter(|_| number + 1 < point.maps_end && point.hidden != [u32::MAX; 8]);
                 if let Some(served) = next
-                    && let Some(seen) = self.scene.see(self.start + point.place, &served.light)
+                    && let Some(seen) = if self.scene.see_alike {
+                        Some(point.seen)
+                    } else {
+                        self.scene.see(self.start + point.place, &served.light)
+                    }
                 {
                     let more = self
                         .scene
@@ -163,14 +173,15 @@ impl Chunk<'_> {
 /// What is known of a point before its map is read.
 enum Start {
     Done(f32, bool),
-    /// The map it chose, samples hidden already, doubt.
-    Open(usize, Bits, bool),
+    /// As the map that it chose sees it, that map, samples hidden already.
+    Open(Seen, usize, Bits),
 }
 
 struct Scene<'a> {
     maps: &'a Maps<'a>,
     points: Points<'a>,
     settings: Settings,
+    see_alike: bool,
 }
 
 impl Scene<'_> {
@@ -204,27 +215,30 @@ impl Scene<'_> {
             return Start::Done(1.0, false);
         }
         let (lowest, highest) = seen.height_range(seen.geometric_normal);
+        if self.doubts(&chosen, lowest, highest) {
+            return Start::Done(1.0, true);
+        }
         let mut hidden = Bits::default();
         if lowest <= 0.0 {
             hidden = fast::horizon(vector, seen);
         }
-        let doubt = self.doubts(&chosen, lowest, highest);
-        if doubt && self.settings.leave_uncertain {
-            Start::Done(1.0, true)
-        } else if highest > 0.0
+        if highest > 0.0
             && let Some(map) = chosen.map
         {
-            Start::Open(map, hidden, doubt)
+            Start::Open(chosen.seen, map, hidden)
         } else if lowest <= 0.0 {
-            Start::Done(fast::resolve(vector, chosen.light, seen, &hidden), doubt)
+            Start::Done(fast::resolve(vector, chosen.light, seen, &hidden), false)
         } else {
-            Start::Done(1.0, doubt)
+            Start::Done(1.0, false)
         }
     }
 
-    /// Whether rays know better than the map. `lowest` and `highest`: the light's samples above the geometric
+    /// Whether rays are to come and know better than the map. `lowest` and `highest`: the light's samples above the geometric
     /// horizon.
     fn doubts(&self, chosen: &Chosen<'_>, lowest: f32, highest: f32) -> bool {
+        if !self.settings.leave_uncertain {
+            return false;
+        }
         let Some(map) = chosen.map else {
             return chosen.seen.too_close;
         };
@@ -267,15 +281,14 @@ impl Scene<'_> {
             return (1.0, 0);
         }
         let (lowest, highest) = seen.height_range(seen.geometric_normal);
+        if self.doubts(&chosen, lowest, highest) {
+            return (1.0, 1);
+        }
         let mut hidden = if lowest <= 0.0 {
             plain::horizon(seen)
         } else {
             Bits::default()
         };
-        let doubt = self.doubts(&chosen, lowest, highest);
-        if doubt && self.settings.leave_uncertain {
-            return (1.0, 1);
-        }
         if highest > 0.0 {
             for (served, seen) in reads() {
                 let search = Search::new(served.map, &seen, refinements);
@@ -285,6 +298,6 @@ impl Scene<'_> {
                 }
             }
         }
-        (plain::resolve(chosen.light, seen, &hidden), u8::from(doubt))
+        (plain::resolve(chosen.light, seen, &hidden), 0)
     }
 }

@@ -5,9 +5,11 @@ mod choose;
 mod doubt;
 mod evaluate;
 mod fast;
+mod finest;
 mod light;
 mod plain;
 mod prepare;
+mod pyramid;
 mod region;
 mod simd;
 mod spread;
@@ -33,7 +35,7 @@ pub struct PreparedShadowMap {
     map: Arc<PreparedMap>,
 }
 
-/// Readies a layered depth map for backprojection. `depths` (layers + 1, height, width) f32, metres,
+/// Readies a layered depth map for backprojection. `depths` (layers, height, width) f32, metres,
 /// ascending, infinite where empty; `view` (19,) f64 (`View.packed()`). A texel shadows what lies behind it by
 /// more than `gradient_scale` times its depth difference to the neighbours, at most `gradient_cap_m`
 /// metres. Raises ValueError on bad shapes or values.
@@ -51,9 +53,9 @@ fn soft_shadow_prepare(
     let &[stored, height, width] = depths.shape() else {
         unreachable!("three axes by type")
     };
-    if stored < 2 || height == 0 || width == 0 || height.max(width) > 1 << 14 {
+    if stored == 0 || height == 0 || width == 0 || height.max(width) > 1 << 14 {
         return Err(PyValueError::new_err(
-            "depths needs at least two layers and sides of 1 to 16384 texels",
+            "depths needs at least one layer and sides of 1 to 16384 texels",
         ));
     }
     if !(gradient_scale >= 0.0 && gradient_cap_m >= 0.0) {
@@ -87,7 +89,8 @@ type Shares<'py> = (Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<u8>>);
 /// none: (rows, columns) u8 over its window, not 0 where casters beside it may hide a part of the light.
 ///
 /// Returns (visibility f32, uncertain u8), shaped like the points. Points that are not finite get 1. With
-/// `leave_uncertain`, uncertain points get 1 without a look, for rays to replace.
+/// `leave_uncertain`, points where the maps are not to be believed are uncertain and get 1 without a look, for rays to
+/// replace; without it none are.
 /// Raises ValueError on bad shapes or values, and Cancelled.
 #[pyfunction]
 #[pyo3(signature = (position, geometric_normal, shading_normal, eye, emitter, maps, max_samples=512, refinements=1,
@@ -137,6 +140,9 @@ fn soft_shadow_backproject<'py>(
         return Err(PyValueError::new_err(
             "beside is one array a map, none of them empty",
         ));
+    }
+    if settings.method == Method::Area && maps.iter().any(|handle| handle.map.layers < 2) {
+        return Err(PyValueError::new_err("area needs maps of at least two layers"));
     }
     let emitter = Emitter::from_packed(emitter.as_slice()?)?;
     let points = Points {

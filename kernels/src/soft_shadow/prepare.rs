@@ -5,7 +5,10 @@
 //! a texel at window position t and rise g, seen from a point at p and rise h, covers (t - p) / (g - h) of
 //! the light's plane (thesis eq. 5.3 for any window; for a sun the plane at unit distance).
 
+use super::finest::finest;
 use super::light::Seen;
+use super::pyramid::{self, PyramidLevel};
+use super::simd::{Vector, Work, run_widest};
 use crate::cancel::CancelFlag;
 use crate::view::View;
 use pyo3::PyResult;
@@ -60,42 +63,64 @@ impl Level {
         self.blocks_x * self.blocks_y * BLOCK_TEXELS
     }
 
-    /// Fills rows of blocks in parallel: `texel` (layer, row, column) gives rise and tilt.
-    fn filled(
+    /// Fills lines of blocks in parallel, neighbouring lines of all layers together: `fill` (first row, lines by
+    /// layer) writes every rise and tilt within the map's sides.
+    pub fn filled(
         width: usize,
         height: usize,
         layers: usize,
-        texel: impl Fn(usize, usize, usize) -> (f32, u32) + Sync,
+        fill: impl Fn(usize, &mut [Line<'_>]) + Sync,
     ) -> Level {
         let (blocks_x, blocks_y) = (width.div_ceil(BLOCK), height.div_ceil(BLOCK));
         let count = layers * blocks_x * blocks_y;
+        // Zeros come from the system untouched, so that the threads that write a page are first to meet it.
         let mut level = Level {
             width,
             height,
             blocks_x,
             blocks_y,
-            rise: vec![EMPTY; count * BLOCK_TEXELS],
+            rise: vec![0.0; count * BLOCK_TEXELS],
             tilt: vec![0; count * BLOCK_TEXELS],
             blocks: vec![Block::NOTHING; count],
         };
-        let rise = level.rise.par_chunks_mut(blocks_x * BLOCK_TEXELS);
-        let tilt = level.tilt.par_chunks_mut(blocks_x * BLOCK_TEXELS);
-        let blocks = level.blocks.par_chunks_mut(blocks_x);
-        let lines = rise.zip(tilt).zip(blocks).enumerate();
-        lines.for_each(|(line, ((rise, tilt), blocks))| {
-            let (layer, first_row) = (line / blocks_y, line % blocks_y * BLOCK);
-            for y in 0..BLOCK.min(height - first_row) {
-                for column in 0..width {
-                    let at = column / BLOCK * BLOCK_TEXELS + y * BLOCK + column % BLOCK;
-                    (rise[at], tilt[at]) = texel(layer, first_row + y, column);
-                }
+        let mut by_row: Vec<Vec<Line<'_>>> = (0..blocks_y).map(|_| Vec::with_capacity(layers)).collect();
+        let rise = level.rise.chunks_mut(blocks_x * BLOCK_TEXELS);
+        let tilt = level.tilt.chunks_mut(blocks_x * BLOCK_TEXELS);
+        let blocks = level.blocks.chunks_mut(blocks_x);
+        for (number, ((rise, tilt), blocks)) in rise.zip(tilt).zip(blocks).enumerate() {
+            by_row[number % blocks_y].push(Line { rise, tilt, blocks });
+        }
+        let is_whole = |row: usize| width.is_multiple_of(BLOCK) && (row + 1) * BLOCK <= height;
+        by_row.into_par_iter().enumerate().for_each(|(row, mut lines)| {
+            if !is_whole(row) {
+                lines.iter_mut().for_each(|line| line.rise.fill(EMPTY));
             }
-            let texels = rise.as_chunks::<BLOCK_TEXELS>().0.iter();
-            for (block, rise) in blocks.iter_mut().zip(texels) {
-                *block = Block::around(rise);
-            }
+            fill(row * BLOCK, &mut lines);
+            run_widest(Around(&mut lines));
         });
         level
+    }
+}
+
+/// Blocks side by side in one layer.
+pub struct Line<'a> {
+    pub rise: &'a mut [f32],
+    pub tilt: &'a mut [u32],
+    blocks: &'a mut [Block],
+}
+
+/// Looks what the blocks' texels have in common.
+struct Around<'a, 'b>(&'a mut [Line<'b>]);
+
+impl Work for Around<'_, '_> {
+    #[inline(always)]
+    fn run<V: Vector>(self, _: V) {
+        for line in self.0 {
+            let texels = line.rise.as_chunks::<BLOCK_TEXELS>().0.iter();
+            for (block, rise) in line.blocks.iter_mut().zip(texels) {
+                *block = Block::around(rise);
+            }
+        }
     }
 }
 
@@ -107,12 +132,19 @@ impl Block {
     };
 
     /// Its cover has the slope between opposite sides if those are whole, and just clears the highest texel.
+    #[inline(always)]
     fn around(rise: &[f32; BLOCK_TEXELS]) -> Block {
-        let (mut highest, mut lowest) = (EMPTY, f32::INFINITY);
-        for &rise in rise {
-            highest = highest.max(rise);
-            lowest = lowest.min(if rise == EMPTY { f32::INFINITY } else { rise });
+        // Column by column, which the compiler makes registers of.
+        let (mut highest, mut lowest) = ([EMPTY; BLOCK], [f32::INFINITY; BLOCK]);
+        let rows = rise.as_chunks::<BLOCK>().0;
+        for row in rows {
+            for ((highest, lowest), &rise) in highest.iter_mut().zip(&mut lowest).zip(row) {
+                *highest = larger(*highest, rise);
+                let held = if rise == EMPTY { f32::INFINITY } else { rise };
+                *lowest = if held < *lowest { held } else { *lowest };
+            }
         }
+        let highest = highest.into_iter().fold(EMPTY, larger);
         if highest == EMPTY {
             return Block::NOTHING;
         }
@@ -122,35 +154,38 @@ impl Block {
         let whole = |slope: f32| if slope.is_finite() { slope } else { 0.0 };
         let (across, along) = (whole(across), whole(along));
         let middle = 0.5 * last as f32;
-        let mut clear = EMPTY;
-        for (i, &rise) in rise.iter().enumerate() {
-            let (x, y) = ((i % BLOCK) as f32 - middle, (i / BLOCK) as f32 - middle);
-            clear = clear.max(rise - (across * x + along * y));
+        let mut clear = [EMPTY; BLOCK];
+        for (y, row) in rows.iter().enumerate() {
+            let along_y = along * (y as f32 - middle);
+            for (x, (clear, &rise)) in clear.iter_mut().zip(row).enumerate() {
+                *clear = larger(*clear, rise - (across * (x as f32 - middle) + along_y));
+            }
         }
         Block {
             highest,
-            lowest,
-            cover: [clear, across, along],
+            lowest: lowest.into_iter().fold(f32::INFINITY, f32::min),
+            cover: [clear.into_iter().fold(EMPTY, larger), across, along],
         }
     }
 }
 
+/// Neither is a NaN.
+#[inline(always)]
+pub fn larger(a: f32, b: f32) -> f32 {
+    if b > a { b } else { a }
+}
+
 /// The upper halves of two floats: 8 bits of precision, any size.
-fn pack_tilt(along_x: f32, along_y: f32) -> u32 {
+#[inline(always)]
+pub fn pack_tilt(along_x: f32, along_y: f32) -> u32 {
     let round = |v: f32| v.to_bits().wrapping_add(0x8000);
     (round(along_x) & 0xffff_0000) | (round(along_y) >> 16)
 }
 
 /// Change of rise per column and per row.
+#[inline(always)]
 pub fn unpack_tilt(packed: u32) -> [f32; 2] {
     [f32::from_bits(packed & 0xffff_0000), f32::from_bits(packed << 16)]
-}
-
-/// Largest rise and largest biased rise of each node, over all layers; nodes of level n are 2^n texels wide.
-pub struct PyramidLevel {
-    pub width: usize,
-    pub height: usize,
-    pub nearest: Vec<[f32; 2]>,
 }
 
 /// How much farther from the light than its surface a texel starts to cast shadow (thesis section 5.3.4).
@@ -162,12 +197,24 @@ pub struct Bias {
     pub gradient_cap: f32,
 }
 
+impl Bias {
+    /// As a difference of rise: how far above a point a surface must be to shadow it. To first order the
+    /// slope of rise gives it directly; of the cap, d(1/z) = dz / z^2.
+    #[inline(always)]
+    pub fn of(&self, orthographic: bool, rise: f32, tilt: [f32; 2]) -> f32 {
+        let metre = if orthographic { 1.0 } else { rise * rise };
+        (self.gradient_scale * tilt[0].abs().max(tilt[1].abs())).min(self.gradient_cap * metre)
+    }
+}
+
 pub struct PreparedMap {
     pub view: View,
     pub bias: Bias,
     /// Stored depths per texel.
     pub layers: usize,
     pub levels: Vec<Level>,
+    /// Width and height of each level's texels in window units.
+    texels: Vec<[f64; 2]>,
     pub pyramid: Vec<PyramidLevel>,
 }
 
@@ -180,14 +227,7 @@ impl PreparedMap {
         bias: Bias,
         cancel: &CancelFlag,
     ) -> PyResult<Self> {
-        let source = Source {
-            depths,
-            layers,
-            width,
-            height,
-            orthographic: view.orthographic,
-        };
-        let mut levels = vec![source.level()];
+        let mut levels = vec![finest(depths, [layers, height, width], view.orthographic)];
         cancel.check()?;
         while levels[levels.len() - 1]
             .width
@@ -197,25 +237,25 @@ impl PreparedMap {
             levels.push(coarser(&levels[0], levels.len(), layers));
             cancel.check()?;
         }
-        let mut map = PreparedMap {
+        let [left, right, bottom, top] = view.window;
+        let finest = [(right - left) / width as f64, (top - bottom) / height as f64];
+        let texels = (0..levels.len()).map(|level| finest.map(|size| size * (1u64 << level) as f64));
+        let texels = texels.collect();
+        let pyramid = pyramid::build(&levels[0], layers, view.orthographic, bias);
+        Ok(PreparedMap {
             view,
             bias,
             layers,
             levels,
-            pyramid: Vec::new(),
-        };
-        map.pyramid = map.build_pyramid();
-        Ok(map)
+            texels,
+            pyramid,
+        })
     }
 
     /// Width and height of a level's texel in window units.
+    #[inline(always)]
     pub fn texel_size(&self, level: usize) -> [f64; 2] {
-        let [left, right, bottom, top] = self.view.window;
-        let scale = (1u64 << level) as f64;
-        [
-            (right - left) / self.levels[0].width as f64 * scale,
-            (top - bottom) / self.levels[0].height as f64 * scale,
-        ]
+        self.texels[level]
     }
 
     /// Where a point is in texels of a level.
@@ -227,61 +267,13 @@ impl PreparedMap {
         ]
     }
 
-    /// Bias as a difference of rise: how far above a point a surface must be to shadow it. To first order
-    /// the slope of rise gives it directly; of the cap, d(1/z) = dz / z^2.
     pub fn gradient_bias(&self, rise: f32, tilt: [f32; 2]) -> f32 {
-        let metre = if self.view.orthographic { 1.0 } else { rise * rise };
-        (self.bias.gradient_scale * tilt[0].abs().max(tilt[1].abs())).min(self.bias.gradient_cap * metre)
+        self.bias.of(self.view.orthographic, rise, tilt)
     }
 
     /// Largest rise of any texel, and largest biased rise.
     pub fn nearest(&self) -> [f32; 2] {
         self.pyramid[self.pyramid.len() - 1].nearest[0]
-    }
-
-    fn build_pyramid(&self) -> Vec<PyramidLevel> {
-        let level = &self.levels[0];
-        let (width, height) = (level.width, level.height);
-        let mut nearest = vec![[EMPTY; 2]; width * height];
-        nearest.par_chunks_mut(width).enumerate().for_each(|(row, out)| {
-            for layer in 0..self.layers {
-                for (column, node) in out.iter_mut().enumerate() {
-                    let texel = level.index(layer, row, column);
-                    let rise = level.rise[texel];
-                    let bias = self.gradient_bias(rise, unpack_tilt(level.tilt[texel]));
-                    *node = [node[0].max(rise), node[1].max(rise - bias)];
-                }
-            }
-        });
-        let mut pyramid = vec![PyramidLevel {
-            width,
-            height,
-            nearest,
-        }];
-        while pyramid[pyramid.len() - 1].nearest.len() > 1 {
-            pyramid.push(halved(&pyramid[pyramid.len() - 1]));
-        }
-        pyramid
-    }
-}
-
-fn halved(finer: &PyramidLevel) -> PyramidLevel {
-    let (width, height) = (finer.width.div_ceil(2), finer.height.div_ceil(2));
-    let mut nearest = vec![[EMPTY; 2]; width * height];
-    nearest.par_chunks_mut(width).enumerate().for_each(|(row, out)| {
-        for y in 2 * row..(2 * row + 2).min(finer.height) {
-            let line = &finer.nearest[y * finer.width..(y + 1) * finer.width];
-            for (node, pair) in out.iter_mut().zip(line.chunks(2)) {
-                for from in pair {
-                    *node = [node[0].max(from[0]), node[1].max(from[1])];
-                }
-            }
-        }
-    });
-    PyramidLevel {
-        width,
-        height,
-        nearest,
     }
 }
 
@@ -293,83 +285,23 @@ fn coarser(finest: &Level, n: usize, layers: usize) -> Level {
     let scale = (1u32 << n) as f32;
     let shift = |i: usize| (i as u32).reverse_bits() >> (u32::BITS as usize - n);
     let to_middle = |shift: u32| 0.5 * (scale - 1.0) - shift as f32;
-    Level::filled(
-        finest.width >> n,
-        finest.height >> n,
-        layers,
-        |layer, row, column| {
-            let (shift_x, shift_y) = (shift(row), shift(column));
-            let x = (column << n) + shift_x as usize;
-            let y = (row << n) + shift_y as usize;
-            let from = finest.index(layer, y, x);
-            let [along_x, along_y] = unpack_tilt(finest.tilt[from]);
-            let rise = finest.rise[from] + along_x * to_middle(shift_x) + along_y * to_middle(shift_y);
-            (rise, pack_tilt(along_x * scale, along_y * scale))
-        },
-    )
-}
-
-/// The map as it was rasterised.
-struct Source<'a> {
-    depths: &'a [f32],
-    layers: usize,
-    width: usize,
-    height: usize,
-    orthographic: bool,
-}
-
-impl Source<'_> {
-    fn row(&self, layer: usize, row: usize) -> &[f32] {
-        let start = (layer * self.height + row) * self.width;
-        &self.depths[start..start + self.width]
-    }
-
-    fn rise(&self, depth: f32) -> f32 {
-        if self.orthographic { -depth } else { 1.0 / depth }
-    }
-
-    fn level(&self) -> Level {
-        Level::filled(self.width, self.height, self.layers, |layer, row, column| {
-            let depth = self.row(layer, row)[column];
-            if depth.is_finite() && (depth > 0.0 || self.orthographic) {
-                (self.rise(depth), self.tilt(layer, row, column, depth))
-            } else {
-                (EMPTY, 0)
-            }
-        })
-    }
-
-    /// Slope of the texel's surface: of the neighbours on an axis and of their layers, the one closest in depth
-    /// is taken to be the same surface, unless the next layer of the texel itself is closer (a thin wire).
-    fn tilt(&self, layer: usize, row: usize, column: usize, depth: f32) -> u32 {
-        let reach = if layer + 1 < self.layers {
-            self.row(layer + 1, row)[column] - depth
-        } else {
-            f32::INFINITY
-        };
-        let towards = |neighbours: [Option<(usize, usize)>; 2]| {
-            let (mut closest, mut slope) = (reach, 0.0);
-            for (sign, neighbour) in [-1.0, 1.0].into_iter().zip(neighbours) {
-                let Some((row, column)) = neighbour else { continue };
-                for other in layer.saturating_sub(1)..(layer + 2).min(self.layers) {
-                    let there = self.row(other, row)[column];
-                    if (there - depth).abs() < closest {
-                        closest = (there - depth).abs();
-                        slope = sign * (self.rise(there) - self.rise(depth));
-                    }
+    let (width, height) = (finest.width >> n, finest.height >> n);
+    Level::filled(width, height, layers, |first_row, lines| {
+        for (layer, line) in lines.iter_mut().enumerate() {
+            for row in first_row..(first_row + BLOCK).min(height) {
+                let shift_x = shift(row);
+                for column in 0..width {
+                    let shift_y = shift(column);
+                    let x = (column << n) + shift_x as usize;
+                    let y = (row << n) + shift_y as usize;
+                    let from = finest.index(layer, y, x);
+                    let [along_x, along_y] = unpack_tilt(finest.tilt[from]);
+                    let at = column / BLOCK * BLOCK_TEXELS + row % BLOCK * BLOCK + column % BLOCK;
+                    line.rise[at] =
+                        finest.rise[from] + along_x * to_middle(shift_x) + along_y * to_middle(shift_y);
+                    line.tilt[at] = pack_tilt(along_x * scale, along_y * scale);
                 }
             }
-            slope
-        };
-        pack_tilt(
-            towards([
-                (column > 0).then(|| (row, column - 1)),
-                (column + 1 < self.width).then_some((row, column + 1)),
-            ]),
-            towards([
-                (row > 0).then(|| (row - 1, column)),
-                (row + 1 < self.height).then_some((row + 1, column)),
-            ]),
-        )
-    }
+        }
+    })
 }
