@@ -31,8 +31,8 @@ from .measure.report import LayerError, Report, StepTime, report_of
 
 @dataclass(frozen=True)
 class Options:
-    """How to bake. `effects`: ids, None for all; `values`: parameter values by effect id and name;
-    `samples` jittered surfaces a pixel; `probes` points to measure the error at, 0 for none; `lit` also
+    """How to bake. `effects`: ids, None for those on by default; `values`: parameter values by effect id and
+    name; `samples` jittered surfaces a pixel; `probes` points to measure the error at, 0 for none; `lit` also
     makes each light's unshadowed image, and `composite` the picture of the whole."""
 
     effects: tuple[str, ...] | None = None
@@ -54,7 +54,10 @@ class Options:
 
     def chosen(self) -> dict[Effect, Any]:
         """The effects to run with their parameters."""
-        effects = EFFECTS if self.effects is None else tuple(effect_named(name) for name in self.effects)
+        if self.effects is None:
+            effects = tuple(effect for effect in EFFECTS if effect.on_by_default)
+        else:
+            effects = tuple(effect_named(name) for name in self.effects)
         return {e: e.params.checked(e.id, self.values.get(e.id, {})) for e in effects}
 
     def sources(self) -> dict[str, tuple[Callable, Any]]:
@@ -193,7 +196,14 @@ class BakeJob:
         accelerator, seconds = _value_apart(executor, ray_accelerator(self.outline), device)
         yield
         camera = device.camera_rays(graph.surface.params["visible"], graph.surface_attributes)
-        rays = CpuRays(accelerator, np.array(self.outline.view.eye), device.cancel_flag, camera)
+        rays = CpuRays(
+            accelerator,
+            np.array(self.outline.view.eye),
+            device.cancel_flag,
+            camera,
+            value=lambda node: executor.value(node, device),
+            texture=device.texture,
+        )
         errors = {}
         for number, layer in enumerate(layers, start=1):
             casters = device.instance_mask(layer.casters)

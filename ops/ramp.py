@@ -36,7 +36,8 @@ class STRATA_OT_new_ramp(bpy.types.Operator):
 
 def _spec(effect_id: str, name: str):
     effect = next(effect for effect in EFFECTS if effect.id == effect_id)
-    return next(spec for spec in effect.params.specs() if spec.name == name and spec.kind is Ramp)
+    specs = [*effect.params.specs(), *(effect.object_params.specs() if effect.object_params else ())]
+    return next(spec for spec in specs if spec.name == name and spec.kind is Ramp)
 
 
 _classes = Classes(STRATA_OT_new_ramp)

@@ -5,6 +5,7 @@ Needs only the bpy module. Everything is made from code and seeded, so building 
 
 import argparse
 
+import _comic
 import _courtyard
 import _kit as kit
 import _mist
@@ -19,6 +20,7 @@ SCENES = {
     "plain": _scenes.plain,
     "animated": _scenes.animated,
     "mist": _mist.mist,
+    "comic": _comic.comic,
 }
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from benchmark import goals, idle, machine, passes, race, scenes, volumetric
+from benchmark import goals, idle, machine, passes, race, scenes, toon, volumetric
 from benchmark.document import ROOT, milliseconds, significant, write_block
 from benchmark.methods import Effect, Rays, surface_of
 from benchmark.sections import read_sections
@@ -57,6 +57,11 @@ def run_idle(folder: Path, quick: bool) -> str:
     return idle.tables(idle.run(size=(240, 135) if quick else None, repeats=1 if quick else 5))
 
 
+def run_toon(folder: Path, quick: bool) -> str:
+    """Toon shading."""
+    return toon.tables(scenes.open_sample("comic"), quick)
+
+
 def run_volumetric(folder: Path, quick: bool) -> str:
     """The open integral, and the walk against a march through the same maps."""
     scene = scenes.open_sample("mist")
@@ -71,6 +76,7 @@ SECTIONS = {
     "goals": run_goals,
     "idle": run_idle,
     "volumetric": run_volumetric,
+    "toon": run_toon,
 }
 
 

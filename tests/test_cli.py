@@ -163,7 +163,7 @@ def test_plan_is_clean_json():
 
 def test_nothing_to_bake_writes_no_file_and_says_so(tmp_path):
     outputs = ("-o", tmp_path / "x.exr", "--report", tmp_path / "x.json")
-    result = strata("bake", SAMPLES / "plain.blend", *outputs)
+    result = strata("bake", SAMPLES / "plain.blend", *outputs, "--effects", "soft_shadow")
     assert "nothing to bake, no file written" in result.stderr
     assert list(tmp_path.iterdir()) == []
 
@@ -174,6 +174,7 @@ def test_nothing_to_bake_writes_no_file_and_says_so(tmp_path):
 def test_bake_writes_layers_and_report(tmp_path):
     out, report = tmp_path / "out.exr", tmp_path / "out.json"
     words = (*QUICK, "--set", "soft_shadow.layers=2", "--set", "soft_shadow.resolution=256")
+    words += ("--effects", "soft_shadow")
     result = strata("bake", SAMPLES / "courtyard.blend", "-o", out, "--report", report, *words)
     assert sorted(os.listdir(tmp_path)) == ["out.exr", "out.json"]
     layers, told = read_layers(out), json.loads(report.read_text())

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 from strata.addon.core.errors import StrataError
 from strata.addon.core.naming import LONGEST, layer_name
 from strata.addon.effects.registry import EFFECTS, effect_named
 from strata.addon.effects.soft_shadow.params import Method, SoftShadowParams
+from strata.addon.effects.toon.params import ToonParams
 
 
 def test_defaults_are_within_their_own_ranges():
@@ -54,3 +58,12 @@ def test_layer_names_have_no_dots_and_fit():
     taken = [layer_name("Soft Shadow", "a.b")]
     other = layer_name("Soft Shadow", "a_b", taken)
     assert other not in taken
+
+
+def test_a_limit_may_be_rounded_to_float32():
+    pi = float(np.float32(math.pi))
+    assert pi > math.pi
+    params = ToonParams.checked("toon", {"crease_angle": pi})
+    assert params.crease_angle == math.pi
+    with pytest.raises(StrataError, match=r"toon\.crease_angle"):
+        ToonParams.checked("toon", {"crease_angle": 3.1416})

@@ -8,7 +8,8 @@ import pytest
 from strata.addon.core.errors import StrataError
 from strata.addon.core.params import Colour, ParamSpec, plain
 from strata.addon.core.ramp import HuePath, Ramp, RampInterpolation, RampMode
-from strata.addon.ui.properties import fill_ramp, ramp_of
+from strata.addon.scene.own_settings import ramp_of
+from strata.addon.ui.properties import fill_ramp
 
 # Blender works in float32: a few units in the last place of numbers up to 6 (hue in sixths).
 TOLERANCE = 3e-6

@@ -15,7 +15,8 @@ class MeshArrays:
 
     `positions` (V, 3) f32; `corner_vertices` (C,) i32; `face_starts` (F + 1,) i32, the first corner of each
     face and then C; `corner_normals` (C, 3) f32 unit, None for a flat mesh; `corner_uvs` (C, 2) f32, None
-    where nothing samples them; `face_slots` (F,) i32 material slots, None for slot 0 throughout.
+    where nothing samples them; `face_slots` (F,) i32 material slots, None for slot 0 throughout;
+    `vertex_values` (V,) f32 of a vertex group or an attribute that was asked for, None without it.
     """
 
     positions: np.ndarray
@@ -24,6 +25,7 @@ class MeshArrays:
     corner_normals: np.ndarray | None = None
     corner_uvs: np.ndarray | None = None
     face_slots: np.ndarray | None = None
+    vertex_values: np.ndarray | None = None
 
     @property
     def nbytes(self) -> int:

@@ -69,6 +69,12 @@ class RayCaster(Protocol):
         """What the camera sees through `pixels` (N, 2), `jitter` (N, 2) pixels beside their centres: view
         rays with the graph's surface attributes, found by rays."""
 
+    def value(self, node: Any) -> Any:
+        """What a node of the graph (core/graph.py) holds, on the CPU; made again where it was freed."""
+
+    def texture(self, image: int) -> np.ndarray | None:
+        """Texels (h, w, 4) of `outline.images[image]`, None where they could not be read."""
+
     def screen(self, casters: np.ndarray, emitter: Emitter, points: SurfacePoints, seed: int) -> np.ndarray:
         """(N, 2) uint8: two independent estimates of each point's visibility by one ray each, 0 or 1."""
 

@@ -77,7 +77,9 @@ class Effect:
     """`id` is the folder's name. `run(recorder, outline, params)` records steps; `needed(outline)` gives the
     reason why the scene does not need the effect, or None; `sources` records, by name, what other effects may
     build on: each as `record(recorder, outline, params, light_index)`; `shaders()` yields every GPU program
-    that its steps may compile; `presets` are values by name, over the defaults."""
+    that its steps may compile; `presets` are values by name, over the defaults; `object_params` are what an
+    object or a material may have of its own. Not `on_by_default`: a style, which would cover the picture of a
+    scene that never asked for it."""
 
     id: str
     title: str
@@ -89,4 +91,6 @@ class Effect:
     source: str
     sources: dict[str, Callable] = field(default_factory=dict, hash=False, compare=False)
     shaders: Callable[[], Iterable[Shader]] = no_shaders
+    object_params: type[Params] | None = None
+    on_by_default: bool = True
     presets: dict[str, dict[str, Any]] = field(default_factory=dict, hash=False, compare=False)

@@ -21,7 +21,17 @@ from .params import Params
 from .view import Vector, View
 
 Colour = tuple[float, float, float]
+Own = tuple[tuple[str, str, Any], ...]
+"""Settings that a light, an object or a material has of its own: effect's id, parameter and value."""
 LARGEST_SIDE = 32_768  # pixels; the rasteriser counts 1/256 pixels in 32 bits
+
+
+def over[P: Params](own: Own, effect_id: str, params: P) -> P:
+    """`params` of the effect with what of `own` is for it over them. Raises StrataError on a bad value."""
+    values = {name: value for effect, name, value in own if effect == effect_id}
+    if not values:
+        return params
+    return type(params).checked(effect_id, {**vars(params), **values})
 
 
 @dataclass(frozen=True)
@@ -124,12 +134,11 @@ class Light:
     lights_media: bool = True
     receivers: frozenset[int] | None = None
     casters: frozenset[int] | None = None
-    own: tuple[tuple[str, str, Any], ...] = ()
+    own: Own = ()
 
     def params_for[P: Params](self, effect_id: str, params: P) -> P:
         """The effect's parameters for this light: the scene's, `params`, with the light's own over them."""
-        own = {name: value for effect, name, value in self.own if effect == effect_id}
-        return type(params).checked(effect_id, params.as_dict() | own) if own else params
+        return over(self.own, effect_id, params)
 
     @property
     def is_dark(self) -> bool:
@@ -186,6 +195,7 @@ class Material:
     emission: Colour = (0.0, 0.0, 0.0)
     medium: Medium | None = None
     has_surface: bool = True
+    own: Own = ()
 
     @property
     def is_cutout(self) -> bool:
@@ -221,6 +231,7 @@ class Instance:
     casts_shadow: bool = True
     is_holdout: bool = False
     medium: Medium | None = None
+    own: Own = ()
 
 
 class Instances(tuple[Instance, ...]):

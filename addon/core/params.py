@@ -70,6 +70,10 @@ class ParamSpec:
             raise StrataError(f"{where}: '{value}' is not {noun}") from None
         if isinstance(number, float) and math.isnan(number):
             raise StrataError(f"{where}: not a number")
+        if self.kind is float and self.hard:
+            # Blender keeps properties in float32, which may lie a little beyond a limit like pi.
+            near = [limit for limit in self.hard if abs(number - limit) <= 1e-6 * abs(limit)]
+            number = near[0] if near else number
         if self.hard and not self.hard[0] <= number <= self.hard[1]:
             raise StrataError(f"{where}: {value} is outside {self.hard[0]} to {self.hard[1]}")
         return number

@@ -2,7 +2,7 @@
 
 Whatever its modes, a ramp is a piecewise cubic polynomial in its position: splines are cubics, and along
 a segment in which hue crosses no sixth of the circle (and lightness no half) HSV and HSL are products of
-at most three linear terms. `Ramp.table` holds those pieces, so that kernel and shader evaluate any ramp alike.
+at most three linear terms. `Ramp.table` holds those pieces, which kernels and shaders can evaluate.
 """
 
 from __future__ import annotations
@@ -262,7 +262,7 @@ def _hue_ends(h1: float, h2: float, path: HuePath) -> tuple[float, float]:
 
 
 def _hue_pieces(low, high, left, right, mode: RampMode, path: HuePath):
-    """A segment in HSV or HSL, cut where hue crosses a sixth (or lightness a half): parts are exact cubics."""
+    """A segment in HSV or HSL, cut where hue crosses a sixth (or lightness a half): exact cubics."""
     first, second = (_to_hsv(colour) if mode == RampMode.HSV else _to_hsl(colour) for colour in (left, right))
     h1, h2 = _hue_ends(first[0], second[0], path)
     a, b = np.array([h1, *first[1:], left[3]]), np.array([h2, *second[1:], right[3]])

@@ -93,7 +93,7 @@ class Sampling:
         order = product(numbers, tiles) if self.is_progressive else product(tiles, numbers)
         for pair in order:
             sample, (y0, y1) = pair if self.is_progressive else pair[::-1]
-            yield Chunk(self.width, self.height, y0, y1, sample, offsets[sample])
+            yield Chunk(self.width, self.height, y0, y1, sample, offsets[sample], self.samples)
 
     @property
     def chunk_count(self) -> int:

@@ -24,7 +24,7 @@ ATTRIBUTES = {
 @dataclass(frozen=True)
 class Chunk:
     """Rows `y0` to `y1` (row 0 is the bottom) of a `width` x `height` image, with one jittered sample a
-    pixel: the point at the pixel's centre plus `jitter`, in pixels."""
+    pixel: the point at the pixel's centre plus `jitter`, in pixels. `samples`: how many a pixel gets."""
 
     width: int
     height: int
@@ -32,6 +32,7 @@ class Chunk:
     y1: int
     sample: int
     jitter: tuple[float, float]
+    samples: int = 1
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -11,6 +12,7 @@ import strata_kernels
 
 from ..core.arrays import Arrays, MeshArrays, bytes_of
 from ..core.emitter import Emitter
+from ..core.graph import Node
 from ..core.outline import Outline
 from ..core.surface import SurfacePoints
 from ..core.view_rays import ViewRays
@@ -62,6 +64,22 @@ class CpuDevice:
             geometry.add_instance(instance.mesh, matrix, instance.object_id, list(instance.materials))
         return geometry
 
+    def geometry_of_triangles(self, triangles: dict[int, np.ndarray], matrix) -> strata_kernels.Geometry:
+        """Triangle corners (3 T, 3) float32, by object id; `matrix` (4, 4) takes them all to the world."""
+        geometry = strata_kernels.Geometry()
+        geometry.add_material(0.0, 1.0)
+        for object_id, corners in (triangles or {0: np.zeros((0, 3), np.float32)}).items():
+            count = len(corners)
+            starts = np.arange(0, count + 1, 3, dtype=np.int32)
+            mesh = geometry.add_mesh(corners, np.arange(count, dtype=np.int32), starts)
+            geometry.add_instance(mesh, matrix, object_id, [0])
+        return geometry
+
+    def vertex_values(self) -> list[tuple[int, np.ndarray]]:
+        """Meshes that have the values of vertices that the graph asked for: index and (V,) float32."""
+        meshes = enumerate(self._arrays.meshes)
+        return [(index, mesh.vertex_values) for index, mesh in meshes if mesh.vertex_values is not None]
+
     def instance_mask(self, instances: frozenset[int]) -> np.ndarray:
         """(instance count,) uint8, 1 at `instances`."""
         mask = np.zeros(len(self._outline.instances), np.uint8)
@@ -94,10 +112,21 @@ class CpuDevice:
 
 
 class CpuRays:
-    """A RayCaster over a kernel's bounding volume hierarchy. `camera`: what `look` asks."""
+    """A RayCaster over a kernel's bounding volume hierarchy. `camera`: what `look` asks, and `value` and
+    `texture` are."""
 
-    def __init__(self, accel: strata_kernels.Accel, origin: np.ndarray, cancel_flag=None, camera=None):
+    def __init__(
+        self,
+        accel: strata_kernels.Accel,
+        origin: np.ndarray,
+        cancel_flag=None,
+        camera=None,
+        value: Callable[[Node], Any] | None = None,
+        texture: Callable[[int], np.ndarray | None] | None = None,
+    ):
         self.accel = accel
+        self.value = value
+        self.texture = texture
         self.origin = origin
         self.cancel_flag = cancel_flag
         self.camera: CameraRays | None = camera

@@ -59,6 +59,10 @@ class GpuGeometry:
         self._lists: dict[frozenset[int], DrawList] = {}
 
     @property
+    def instance_count(self) -> int:
+        return len(self._instances)
+
+    @property
     def positions(self) -> GpuImage:
         """See GpuMeshes, as the three below."""
         return self._tables_of_meshes.table("positions")

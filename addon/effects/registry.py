@@ -3,9 +3,10 @@
 from ..core.effect import Effect
 from ..core.errors import StrataError
 from .soft_shadow import EFFECT as SOFT_SHADOW
+from .toon import EFFECT as TOON
 from .volumetric_light import EFFECT as VOLUMETRIC_LIGHT
 
-EFFECTS: tuple[Effect, ...] = (SOFT_SHADOW, VOLUMETRIC_LIGHT)
+EFFECTS: tuple[Effect, ...] = (SOFT_SHADOW, VOLUMETRIC_LIGHT, TOON)
 
 
 def effect_named(name: str) -> Effect:

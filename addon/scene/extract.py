@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -11,19 +12,22 @@ from ..core.arrays import Arrays, Cutout, MeshArrays
 from ..core.outline import Outline
 from .pixels import channel_of, pixels_of
 from .scan import Scan
+from .vertex_values import vertex_values
 
 # What a graph may ask for. Positions and polygons always come.
 CORNER_NORMALS = "corner_normals"
 UV = "uv"
 ALPHA = "alpha"
 BASE_COLOR = "base_color"
+VERTEX = "vertex:"
+"""With a name after it: the vertex group or the attribute of vertices of that name."""
 WANTS = frozenset({CORNER_NORMALS, UV, ALPHA, BASE_COLOR})
 
 
 def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[int] | None = None) -> Arrays:
     """Arrays of the meshes that `instances` (indices; None: all) show; other meshes stay empty. `wants` is a
     subset of `WANTS`: `CORNER_NORMALS` of smooth meshes, `UV` of meshes with a material that samples a
-    texture, texels for `ALPHA` clips and for `BASE_COLOR`."""
+    texture, texels for `ALPHA` clips and for `BASE_COLOR`; and may have one `VERTEX` with a name."""
     outline = scan.outline
     warnings: list[str] = []
     owners = _owners(outline)
@@ -36,6 +40,14 @@ def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[in
         else _no_faces()
         for index, source in enumerate(scan.mesh_sources)
     )
+    name = next((want.removeprefix(VERTEX) for want in wants if want.startswith(VERTEX)), None)
+    if name is not None:
+        meshes = tuple(
+            replace(mesh, vertex_values=vertex_values(source, owners[index], name))
+            if index in shown
+            else mesh
+            for index, (mesh, source) in enumerate(zip(meshes, scan.mesh_sources, strict=True))
+        )
     textures = _textures(scan, wants, warnings)
     matrices = np.array([instance.matrix for instance in outline.instances], np.float64).reshape(-1, 4, 4)
     return Arrays(meshes, matrices, _cutouts(outline, textures), textures, tuple(warnings))

@@ -8,14 +8,12 @@ area (A, 4 pi r², pi sin²) becomes 1. P is times 2^exposure, colour, temperatu
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import bpy
 import numpy as np
 
 from ..core.emitter import Emitter, EmitterKind
 from ..core.outline import Colour, Light
-from ..effects.registry import EFFECTS
 from .transforms import are_finite, as_vector, matrix_of
 
 # Below this an area light's spread is raised to it: the normalisation 1 / (tan x - x) has no digits left.
@@ -41,19 +39,6 @@ def light_of(
     if not all(map(math.isfinite, intensity)):
         return None, [f"light '{name}' is left out: its power is not finite"]
     return Light(name, key, light.type, emitter, intensity, casts_shadow and light.use_shadow), warnings
-
-
-def own_settings_of(light: bpy.types.Light) -> tuple[tuple[str, str, Any], ...]:
-    """`Light.own`, of the evaluated light, where Strata's properties are registered (addon/ui)."""
-    settings = getattr(light, "strata", None)
-    if settings is None or not settings.use_own:
-        return ()
-    return tuple(
-        (effect.id, spec.name, getattr(getattr(settings, effect.id), spec.name))
-        for effect in EFFECTS
-        for spec in effect.params.specs()
-        if spec.per_light
-    )
 
 
 def _axes(matrix: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray, list[str]]:

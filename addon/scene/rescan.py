@@ -9,7 +9,8 @@ import bpy
 import numpy as np
 
 from ..core.outline import Bounds, Instances, Outline
-from .lights import light_of, own_settings_of
+from .lights import light_of
+from .own_settings import own_settings_of
 from .scan import Scan
 from .transforms import are_usable, matrix_of
 
@@ -100,7 +101,7 @@ def _with_lights(scan: Scan, outline: Outline, changed: Iterable[int], objects, 
         light, warnings = light_of(thing.data, thing.matrix_world, before.name, before.key)
         if light is None or any(warning not in outline.warnings for warning in warnings):
             return None
-        own = own_settings_of(thing.data)
+        own = own_settings_of(thing.data, "Light")
         lights[index] = replace(light, receivers=before.receivers, casters=before.casters, own=own)
     return replace(outline, lights=tuple(lights))
 

@@ -12,8 +12,9 @@ from ..core.errors import StrataError
 from ..core.outline import Bounds, Camera, Instance, Light, Material, Mesh, Outline
 from .cameras import camera_of, camera_warnings, frame_size_of, pixel_filter_of, region_of
 from .light_linking import linked_objects
-from .lights import light_of, own_settings_of
+from .lights import light_of
 from .materials import Images, default_material, material_of
+from .own_settings import own_settings_of
 from .render_depsgraph import engine_of
 from .transforms import are_usable
 from .volumes import volume_of
@@ -199,6 +200,7 @@ class _Scanner:
             "casts_shadow": is_surface and shown.visible_shadow and owner.visible_shadow,
             "medium": None if is_surface else materials[0].medium,
             "is_holdout": shown.is_holdout or owner.holdout_get(view_layer=view_layer),
+            "own": own_settings_of(shown, "Object"),
         }
 
     def _mesh_index(self, shown: bpy.types.Object, mesh: bpy.types.Mesh) -> int:
@@ -239,7 +241,7 @@ class _Scanner:
             read, warnings = (
                 (default_material(), []) if material is None else material_of(material, self.images)
             )
-            self.materials.append(read)
+            self.materials.append(replace(read, own=own_settings_of(material, "Material")))
             for warning in warnings:
                 self._warn(warning)
         return index
@@ -286,7 +288,7 @@ class _Scanner:
         for warning in warnings:
             self._warn(warning)
         if light is not None:
-            self.lights.append(replace(light, own=own_settings_of(shown.data)))
+            self.lights.append(replace(light, own=own_settings_of(shown.data, "Light")))
             self.light_objects.append((shown.original, parent.original))
             self.light_owners.append(0 if instance.is_instance else shown.original.session_uid)
 

@@ -12,6 +12,7 @@ from ..core.effect import Effect
 from ..core.params import ParamSpec
 from ..core.ramp import Ramp
 from ..effects.registry import EFFECTS
+from ..scene.own_settings import own_specs
 from . import plot
 from .state import STATE, PlanRow
 
@@ -189,16 +190,19 @@ def light(layout: bpy.types.UILayout, context, name: str, rows: list[PlanRow]) -
             text(reasons, context, f"{what}: {row.reason}" if what else row.reason, "BLANK1")
 
 
-def light_settings(layout: bpy.types.UILayout, data: bpy.types.Light, effects: Iterable[Effect]) -> None:
+def light_settings(layout: bpy.types.UILayout, data: bpy.types.Light) -> None:
     """A light's own settings, greyed while it has none."""
     layout.prop(data, "use_shadow")
+    own_settings(layout, data, "Light", data.use_shadow)
+
+
+def own_settings(layout: bpy.types.UILayout, data: bpy.types.ID, owner: str, is_active: bool = True) -> None:
+    """What a light, an object or a material has of its own, by effect."""
     column = layout.column()
-    column.active = data.strata.use_own and data.use_shadow
-    for effect in effects:
-        specs = [spec for spec in effect.params.specs() if spec.per_light]
-        if specs:
-            column.label(text=effect.title)
-            parameters(column, getattr(data.strata, effect.id), specs, f"light.strata.{effect.id}")
+    column.active = data.strata.use_own and is_active
+    for effect, specs in own_specs(owner).items():
+        column.label(text=effect.title)
+        parameters(column, getattr(data.strata, effect.id), specs, f"{owner.lower()}.strata.{effect.id}")
 
 
 # The last bake

@@ -125,7 +125,7 @@ class _OwnSettings:
         self.layout.prop(self._light(context).strata, "use_own", text="")
 
     def draw(self, context):
-        draw.light_settings(draw.settings_layout(self), self._light(context), EFFECTS)
+        draw.light_settings(draw.settings_layout(self), self._light(context))
 
 
 class STRATA_PT_light(_OwnSettings, bpy.types.Panel):
@@ -151,6 +151,32 @@ class STRATA_PT_active_light(_OwnSettings, _Sidebar, bpy.types.Panel):
         self.layout.label(text=context.active_object.name)
 
 
+def _own_panel(owner: str) -> type:
+    """Settings of an object's or a material's own, in its tab of the properties."""
+    name = owner.lower()
+
+    def poll(cls, context):
+        return getattr(context, name, None) is not None
+
+    def draw_header(self, context):
+        self.layout.prop(getattr(context, name).strata, "use_own", text="")
+
+    def draw_body(self, context):
+        draw.own_settings(draw.settings_layout(self), getattr(context, name), owner)
+
+    members = {
+        "bl_label": "Strata",
+        "bl_options": {"DEFAULT_CLOSED"},
+        "bl_space_type": "PROPERTIES",
+        "bl_region_type": "WINDOW",
+        "bl_context": name,
+        "poll": classmethod(poll),
+        "draw_header": draw_header,
+        "draw": draw_body,
+    }
+    return type(f"STRATA_PT_{name}", (bpy.types.Panel,), members)
+
+
 _classes = Classes(
     STRATA_MT_preview_layer,
     STRATA_PT_preview,
@@ -166,6 +192,7 @@ _classes = Classes(
     ),
     *_in_both("steps", "Time per Step", draw.step_times, parent="result", needed=draw.has_report),
     STRATA_PT_light,
+    *map(_own_panel, ("Object", "Material")),
 )
 
 

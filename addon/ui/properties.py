@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from enum import Enum
+from itertools import chain
 from typing import Any
 
 import bpy
@@ -11,8 +12,9 @@ import bpy
 from ..bake import Options
 from ..core.effect import Effect
 from ..core.params import Colour, ParamSpec
-from ..core.ramp import HuePath, Ramp, RampInterpolation, RampMode
+from ..core.ramp import Ramp
 from ..effects.registry import EFFECTS
+from ..scene.own_settings import OWNERS, own_specs, value_of
 from . import migration
 from .preview_settings import StrataPreviewSettings
 
@@ -37,7 +39,7 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
     settings = scene.strata
     values = {
         effect.id: {
-            spec.name: _value(spec, getattr(getattr(settings, effect.id), spec.name))
+            spec.name: value_of(spec, getattr(getattr(settings, effect.id), spec.name))
             for spec in effect.params.specs()
         }
         for effect in EFFECTS
@@ -53,26 +55,8 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
     return Options(values=values, **options | {k: v for k, v in overrides.items() if v is not None})
 
 
-def _value(spec: ParamSpec, value: Any) -> Any:
-    """What a property holds, as a parameter. A ramp is that of a texture, or the default without one."""
-    if spec.kind is not Ramp:
-        return value
-    return spec.default if value is None or not value.use_color_ramp else ramp_of(value.color_ramp)
-
-
-def ramp_of(ramp: bpy.types.ColorRamp) -> Ramp:
-    """Blender's own."""
-    stops = sorted(((e.position, tuple(e.color)) for e in ramp.elements), key=lambda stop: stop[0])
-    return Ramp(
-        tuple(stops),
-        RampInterpolation[ramp.interpolation],
-        RampMode[ramp.color_mode],
-        HuePath[ramp.hue_interpolation],
-    )
-
-
 def fill_ramp(ramp: bpy.types.ColorRamp, value: Ramp) -> None:
-    """The inverse of `ramp_of`."""
+    """The inverse of scene/own_settings.py `ramp_of`."""
     ramp.interpolation, ramp.color_mode = value.interpolation.name, value.mode.name
     ramp.hue_interpolation = value.hue.name
     while len(ramp.elements) > 1:
@@ -138,7 +122,10 @@ def _update_passes(group: bpy.types.PropertyGroup, context) -> None:
 def _effect_group(effect: Effect) -> type:
     """The PropertyGroup of an effect: `enabled` and its parameters."""
     on = bpy.props.BoolProperty(
-        name=effect.title, description=effect.doc.rstrip("."), default=True, update=_update_passes
+        name=effect.title,
+        description=effect.doc.rstrip("."),
+        default=effect.on_by_default,
+        update=_update_passes,
     )
     properties = {"enabled": on}
     for spec in effect.params.specs():
@@ -146,19 +133,21 @@ def _effect_group(effect: Effect) -> type:
     return _group(f"Strata{effect.title.replace(' ', '')}Settings", properties)
 
 
-def _light_effect_group(effect: Effect) -> type:
-    """The PropertyGroup of an effect's parameters that a light may have its own values of."""
-    properties = {spec.name: _property(spec) for spec in effect.params.specs() if spec.per_light}
-    return _group(f"Strata{effect.title.replace(' ', '')}LightSettings", properties)
-
-
-def _light_group(groups: dict[str, type]) -> type:
-    """The PropertyGroup of a light."""
-    own = bpy.props.BoolProperty(
-        name="Own Settings", description="This light has settings of its own, instead of the scene's"
+def _own_groups(owner: str, specs: dict[Effect, tuple[ParamSpec, ...]]) -> tuple[type, ...]:
+    """The PropertyGroups of what a light, an object or a material (`owner`) may have of its own: one an
+    effect, and last that of the owner, which holds them."""
+    groups = {
+        effect.id: _group(
+            f"Strata{effect.title.replace(' ', '')}{owner}Settings", {s.name: _property(s) for s in own}
+        )
+        for effect, own in specs.items()
+    }
+    use = bpy.props.BoolProperty(
+        name="Own Settings",
+        description=f"This {owner.lower()} has settings of its own, instead of the scene's",
     )
     pointers = {effect_id: bpy.props.PointerProperty(type=group) for effect_id, group in groups.items()}
-    return _group("StrataLightSettings", {"use_own": own, **pointers})
+    return (*groups.values(), _group(f"Strata{owner}Settings", {"use_own": use, **pointers}))
 
 
 def _group(name: str, properties: dict) -> type:
@@ -220,16 +209,17 @@ _registered: list[type] = []
 
 
 def register() -> None:
-    """Makes `scene.strata` and `light.strata`; a second time changes nothing."""
+    """Makes `strata` of scenes, lights, objects and materials; a second time changes nothing."""
     if _registered:
         return
-    of_lights = {effect.id: _light_effect_group(effect) for effect in EFFECTS}
+    of_owners = {owner: _own_groups(owner, own_specs(owner)) for owner in OWNERS}
     of_scenes = {effect.id: _effect_group(effect) for effect in EFFECTS}
-    light, scene = _light_group(of_lights), _scene_group(of_scenes)
-    for cls in (*of_lights.values(), *of_scenes.values(), StrataPreviewSettings, light, scene):
+    scene = _scene_group(of_scenes)
+    for cls in (*chain(*of_owners.values()), *of_scenes.values(), StrataPreviewSettings, scene):
         bpy.utils.register_class(cls)
         _registered.append(cls)
-    bpy.types.Light.strata = bpy.props.PointerProperty(type=light)
+    for owner, groups in of_owners.items():
+        getattr(bpy.types, owner).strata = bpy.props.PointerProperty(type=groups[-1])
     bpy.types.Scene.strata = bpy.props.PointerProperty(type=scene)
     migration.register()
 
@@ -239,6 +229,7 @@ def unregister() -> None:
         return
     migration.unregister()
     del bpy.types.Scene.strata
-    del bpy.types.Light.strata
+    for owner in OWNERS:
+        del getattr(bpy.types, owner).strata
     while _registered:
         bpy.utils.unregister_class(_registered.pop())

@@ -10,6 +10,7 @@ pub mod irradiance;
 pub mod raster;
 pub mod rays;
 pub mod soft_shadow;
+pub mod toon;
 pub mod triangulate;
 pub mod view;
 pub mod volumetric_light;
@@ -27,5 +28,6 @@ fn strata_kernels(module: &Bound<'_, PyModule>) -> PyResult<()> {
     triangulate::register(module)?;
     soft_shadow::register(module)?;
     volumetric_light::register(module)?;
+    toon::register(module)?;
     Ok(())
 }

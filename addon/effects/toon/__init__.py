@@ -1,0 +1,48 @@
+"""Toon shading: light on a ramp, halftone dots and outlines; see README.md in this folder."""
+
+from ...core.effect import Blend, Effect, LayerKind, Metric
+from .gpu_steps import variants
+from .params import ToonObjectParams, ToonParams
+from .reference import halftone, outline_ink, toon
+from .run import needed, run
+
+TOON = LayerKind(
+    title="Toon",
+    reference=toon,
+    reference_name="every light by itself",
+    channels="RGBA",
+    metric=Metric.WRONG_SHARE,
+    blend=Blend.OVER,
+    doc="Surfaces in the colours of the ramp, opaque where there is a surface",
+)
+HALFTONE = LayerKind(
+    title="Toon Halftone",
+    reference=halftone,
+    reference_name="dots without filter",
+    channels="V",
+    metric=Metric.WRONG_SHARE,
+    blend=Blend.MULTIPLY,
+    doc="Dots that grow with the shade: 1 is paper, 0 is ink",
+)
+OUTLINE = LayerKind(
+    title="Toon Outline",
+    reference=outline_ink,
+    reference_name="the hull's triangles by rays",
+    channels="RGBA",
+    metric=Metric.WRONG_SHARE,
+    blend=Blend.OVER,
+    doc="Lines around objects and, where asked for, within them",
+)
+EFFECT = Effect(
+    id="toon",
+    title="Toon",
+    params=ToonParams,
+    object_params=ToonObjectParams,
+    layers=(TOON, HALFTONE, OUTLINE),
+    on_by_default=False,
+    needed=needed,
+    shaders=variants,
+    run=run,
+    doc="Light in steps of a colour ramp, with halftone dots in the shade and ink around the objects",
+    source="Mobile Toon Shading, GPU Zen (2017), III.3, with its soft light corrected",
+)

@@ -1,0 +1,74 @@
+"""Which instance and material is shaded how: the effect's settings with their own over them, as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.outline import Instance, Material, Outline, over
+from ...core.ramp import Ramp
+from .params import ToonObjectParams, ToonParams
+
+EXCLUDED, BY_MATERIAL = -2, -1  # kernels/src/toon/shade.rs
+NOTHING_OWN = ToonObjectParams()
+
+
+@dataclass(frozen=True, eq=False)
+class Ramps:
+    """`materials` (M,) int32: index of each material's ramp, or EXCLUDED; `instances` (I,) int32: the same or
+    BY_MATERIAL, None where no instance has a ramp of its own; `pieces` (P, 17) float32 of all ramps
+    (core/ramp.py), ramp r's from `starts[r]` to `starts[r + 1]`; `clamps` (R,) uint8."""
+
+    materials: np.ndarray
+    instances: np.ndarray | None
+    pieces: np.ndarray
+    starts: np.ndarray
+    clamps: np.ndarray
+
+    def as_params(self) -> dict:
+        """What a step is recorded with."""
+        return {name: value for name, value in vars(self).items() if value is not None}
+
+
+def ramps_of(outline: Outline, params: ToonParams) -> Ramps:
+    """The scene's ramp first, then those that materials and objects have of their own."""
+    known: dict[Ramp, int] = {params.ramp: 0}
+
+    def index(own: ToonObjectParams, otherwise: int) -> int:
+        if own.excluded:
+            return EXCLUDED
+        return known.setdefault(own.ramp, len(known)) if own.use_ramp else otherwise
+
+    materials = [index(own_of(material), 0) for material in outline.materials]
+    instances = [index(own_of(instance), BY_MATERIAL) for instance in outline.instances]
+    tables = [ramp.table() for ramp in known]
+    return Ramps(
+        np.array(materials, np.int32),
+        np.array(instances, np.int32) if any(i != BY_MATERIAL for i in instances) else None,
+        np.concatenate([table.packed() for table in tables]),
+        np.cumsum([0, *(len(table.starts) for table in tables)]).astype(np.int32),
+        np.array([table.clamps for table in tables], np.uint8),
+    )
+
+
+def own_of(part: Instance | Material) -> ToonObjectParams:
+    """What an instance or a material has of its own for this effect."""
+    return over(part.own, "toon", NOTHING_OWN)
+
+
+def excluded_instances(outline: Outline) -> frozenset[int]:
+    """Instances that are, or whose every material is, left to the picture below."""
+    return _where_all_say(outline, lambda own: own.excluded)
+
+
+def without_outline(outline: Outline) -> frozenset[int]:
+    """Instances that have, or whose every material has, no outline."""
+    return _where_all_say(outline, lambda own: not own.outline)
+
+
+def _where_all_say(outline: Outline, says: Callable[[ToonObjectParams], bool]) -> frozenset[int]:
+    materials = {index for index, material in enumerate(outline.materials) if says(own_of(material))}
+    instances = enumerate(outline.instances)
+    return frozenset(i for i, each in instances if says(own_of(each)) or materials.issuperset(each.materials))

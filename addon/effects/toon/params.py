@@ -1,0 +1,174 @@
+"""Settings of toon shading."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from ...core.params import Colour, Params, param
+from ...core.ramp import Ramp
+
+NO_FADE = 1e9  # metres
+NO_CREASE = math.pi
+
+
+class Light(Enum):
+    """What the ramp is looked up with."""
+
+    FACING = "facing"
+    BRIGHTNESS = "brightness"
+
+
+class Normals(Enum):
+    """Which normals are shaded."""
+
+    SMOOTH = "smooth"
+    FLAT = "flat"
+
+
+class Mix(Enum):
+    """How the ramp's colour meets the material's."""
+
+    SOFT_LIGHT = "soft_light"
+    MULTIPLY = "multiply"
+    RAMP = "ramp"
+
+
+class Anchor(Enum):
+    """What halftone dots hold on to."""
+
+    SCREEN = "screen"
+    OBJECT = "object"
+    SURFACE = "surface"
+
+
+class Unit(Enum):
+    """What the outline's width is measured in."""
+
+    PIXEL = "pixel"
+    METRE = "metre"
+
+
+DEFAULT_RAMP = Ramp.parse("0:#525259,0.15:#a6a6ad,0.6:#ffffff;constant")
+
+
+@dataclass(frozen=True)
+class ToonObjectParams(Params):
+    """Of an object or a material. A material's ramp gives way to an object's; its outline is left out where
+    every material of the object says so."""
+
+    excluded: bool = param(False, doc="Leave it to the picture below")
+    use_ramp: bool = param(False, doc="It has a ramp of its own")
+    ramp: Ramp = param(DEFAULT_RAMP, doc="That ramp")
+    outline: bool = param(True, doc="It has an outline")
+    outline_scale: float = param(
+        1.0, hard=(0.0, 100.0), soft=(0.0, 4.0), doc="The object's outline is so many times as wide"
+    )
+    use_outline_color: bool = param(False, doc="The object's outline has a colour of its own")
+    outline_color: Colour = param(Colour(0.0, 0.0, 0.0), hard=(0.0, 1e6), soft=(0.0, 1.0), doc="That colour")
+
+
+@dataclass(frozen=True)
+class ToonParams(Params):
+    light: Light = param(
+        Light.FACING,
+        doc="Light on the ramp: facing is the cosine to them, brightness is what a white surface sends back",
+    )
+    key_light: str = param("", doc="Name of the only light that counts; empty for all of them")
+    exposure: float = param(
+        1.0, hard=(0.0, 1e6), soft=(0.0, 4.0), doc="Brightness is multiplied by this before the ramp"
+    )
+    shadows: bool = param(True, doc="Cast shadows, as Soft Shadow is set to make them")
+    normals: Normals = param(
+        Normals.SMOOTH, doc="Shade smooth normals, or each face as a flat piece of paper"
+    )
+    ramp: Ramp = param(
+        DEFAULT_RAMP,
+        doc="Colours from shade (left) to light (right); alpha is how much of them there is",
+    )
+    mix: Mix = param(
+        Mix.MULTIPLY,
+        doc="Ramp over base colour: soft light as in print, multiply, or the ramp's own colour alone",
+    )
+    emission: float = param(
+        1.0, hard=(0.0, 1e6), soft=(0.0, 4.0), doc="How much of the materials' emission is added after"
+    )
+    rim: float = param(0.0, hard=(0.0, 1.0), doc="Strength of a band along edges that turn away from the eye")
+    rim_width: float = param(
+        0.3, hard=(0.0, 1.0), doc="The band begins where the cosine to the eye falls below this"
+    )
+    rim_color: Colour = param(
+        Colour(1.0, 1.0, 1.0), hard=(0.0, 1e6), soft=(0.0, 1.0), doc="Colour of the band"
+    )
+    halftone: bool = param(True, doc="Make the layer of halftone dots")
+    halftone_repeat: float = param(
+        90.0, hard=(1.0, 10000.0), soft=(20.0, 300.0), doc="Dots along the height of the frame"
+    )
+    halftone_scale: float = param(
+        1.2,
+        hard=(0.0, 10.0),
+        soft=(0.0, 2.0),
+        doc="Dot size in full shade, in cells; dots touch at 1 and fill everything from 1.42 on",
+    )
+    halftone_cutoff: float = param(
+        0.4, hard=(0.0, 10.0), soft=(0.0, 2.0), doc="Smaller dots than this are left out"
+    )
+    halftone_angle: float = param(
+        math.pi / 4.0, hard=(-1e4, 1e4), soft=(-math.pi, math.pi), unit="rad", doc="Turn of the rows of dots"
+    )
+    halftone_opacity: float = param(1.0, hard=(0.0, 1.0), doc="Blackness of the ink")
+    halftone_fade_start_m: float = param(
+        NO_FADE,
+        hard=(0.0, NO_FADE),
+        soft=(0.0, 100.0),
+        unit="m",
+        doc="Dots fade from this distance to the eye on",
+    )
+    halftone_fade_end_m: float = param(
+        NO_FADE, hard=(0.0, NO_FADE), soft=(0.0, 100.0), unit="m", doc="Dots are gone from this distance on"
+    )
+    halftone_anchor: Anchor = param(
+        Anchor.SCREEN,
+        doc="Dots hold on to the screen, to where each object's origin is on it, or to the surface itself",
+    )
+    halftone_cell_m: float = param(
+        0.05,
+        hard=(1e-6, 1e6),
+        soft=(0.001, 1.0),
+        unit="m",
+        doc="Distance of dots where they hold on to the surface",
+    )
+    outline: bool = param(True, doc="Make the layer of outlines")
+    outline_unit: Unit = param(Unit.PIXEL, doc="Whether the width below in pixels or that in metres counts")
+    outline_width_px: float = param(
+        2.0, hard=(0.0, 256.0), soft=(0.0, 10.0), unit="pixel", doc="Width of the line around a silhouette"
+    )
+    outline_width_m: float = param(
+        0.01, hard=(0.0, 1e6), soft=(0.0, 0.1), unit="m", doc="The same as a length in the scene"
+    )
+    outline_least_px: float = param(
+        0.0,
+        hard=(0.0, 256.0),
+        soft=(0.0, 10.0),
+        unit="pixel",
+        doc="Lines are at least so wide, however far away",
+    )
+    outline_most_px: float = param(
+        64.0, hard=(0.0, 256.0), unit="pixel", doc="Lines are at most so wide, however close"
+    )
+    outline_color: Colour = param(
+        Colour(0.0, 0.0, 0.0), hard=(0.0, 1e6), soft=(0.0, 1.0), doc="Colour of the ink"
+    )
+    outline_thickness: str = param(
+        "", doc="Vertex group or attribute of vertices that scales the width, where a mesh has it"
+    )
+    object_lines: bool = param(False, doc="Also draw where one object meets another")
+    material_lines: bool = param(False, doc="Also draw where one material meets another")
+    crease_angle: float = param(
+        NO_CREASE,
+        hard=(0.0, math.pi),
+        unit="rad",
+        doc="Also draw where normals on both sides differ by more than this; half a turn is never",
+    )
+    line_width_px: int = param(1, hard=(1, 16), unit="pixel", doc="Width of these inner lines")

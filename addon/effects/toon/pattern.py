@@ -1,0 +1,89 @@
+"""The halftone pattern in numbers, as both devices take it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...core.outline import Outline, PixelFilter
+from ...core.sampling import filter_weight
+from ...core.surface import Chunk
+from ...core.view import View
+from .params import NO_FADE, Anchor, ToonParams
+
+ANCHOR_NUMBERS = {Anchor.SCREEN.value: 0.0, Anchor.OBJECT.value: 1.0, Anchor.SURFACE.value: 2.0}
+
+
+def settings(params: ToonParams, outline: Outline) -> dict:
+    """What the halftone step is recorded with, besides its anchors."""
+    on_surface = params.halftone_anchor == Anchor.SURFACE
+    cell = params.halftone_cell_m if on_surface else outline.frame_size[1] / params.halftone_repeat
+    return {
+        "anchor": params.halftone_anchor.value,
+        "origin": outline.region[:2] if outline.region else (0, 0),
+        "turn": (math.cos(params.halftone_angle) / cell, math.sin(params.halftone_angle) / cell),
+        "dot": (params.halftone_scale, params.halftone_cutoff, params.halftone_opacity),
+        "fade": _fade(params.halftone_fade_start_m, params.halftone_fade_end_m),
+        "view": outline.view,
+        "filter_width": _filter_width(outline.pixel_filter),
+    }
+
+
+def _filter_width(pixel_filter: PixelFilter) -> float:
+    """Side, in pixels, of the box that blurs as much as the render's filter does (the same variance)."""
+    x = pixel_filter.radius * ((np.arange(4096) + 0.5) / 2048.0 - 1.0)
+    weight = filter_weight(pixel_filter, x)
+    return math.sqrt(12.0 * float((weight * x * x).sum() / weight.sum()))
+
+
+def _fade(start: float, end: float) -> tuple[float, float]:
+    """Scale and end such that (distance - end) * scale is 1 at `start` and 0 at `end`; scale 0 for no fade.
+    Where both are one, or the wrong way round, dots end at once."""
+    if end >= NO_FADE:
+        return 0.0, 0.0
+    return (1.0 / (start - end) if start < end else -1e9), end
+
+
+def packed_pattern(
+    chunk: Chunk, anchor, origin, turn, dot, fade, view: View, filter_width: float
+) -> list[float]:
+    """21 numbers: anchor, frame position of the tile's first pixel (2), turn (2), scale, cutoff, fade (2),
+    opacity, half a footprint in pixels, steps of a pixel to the right and up in window units along world
+    axes (6), forward (3), orthographic. kernels/src/toon/halftone.rs and halftone.glsl read them.
+
+    One sample alone is filtered as much as the render filters. Several are spread as that filter is, so
+    that each need only bridge the gaps between them.
+    """
+    left, right, bottom, top = view.window
+    step = (right - left) / chunk.width, (top - bottom) / chunk.height
+    first = origin[0] + 0.5 + chunk.jitter[0], origin[1] + chunk.y0 + 0.5 + chunk.jitter[1]
+    across = (*(np.array(view.right) * step[0]), *(np.array(view.up) * step[1]))
+    scale, cutoff, opacity = dot
+    half = 0.5 * filter_width / math.sqrt(chunk.samples)
+    numbers = [ANCHOR_NUMBERS[anchor], *first, *turn, scale, cutoff, *fade, opacity, half]
+    return [float(x) for x in (*numbers, *across, *view.forward, view.orthographic)]
+
+
+def anchors(params: ToonParams, outline: Outline) -> np.ndarray:
+    """(instances, 12) float32: the origin of each in the frame, pixels, where the anchor is OBJECT; three
+    rows that take positions relative to the eye to its axes, in metres, where it is SURFACE."""
+    table = np.zeros((len(outline.instances), 12), np.float64)
+    view = outline.view
+    if len(table) and params.halftone_anchor == Anchor.OBJECT:
+        origins = np.array([[row[3] for row in instance.matrix[:3]] for instance in outline.instances])
+        x, y, depth = view.to_view(origins).T
+        depth = np.ones_like(depth) if view.orthographic else np.maximum(depth, view.near)
+        left, right, bottom, top = view.window
+        width, height = outline.computed_size
+        start = outline.region[:2] if outline.region else (0, 0)
+        table[:, 0] = start[0] + (x / depth - left) / (right - left) * width
+        table[:, 1] = start[1] + (y / depth - bottom) / (top - bottom) * height
+    elif len(table) and params.halftone_anchor == Anchor.SURFACE:
+        matrices = np.array([instance.matrix for instance in outline.instances], np.float64)
+        linear, moved = matrices[:, :3, :3], matrices[:, :3, 3]
+        scale = np.cbrt(np.abs(np.linalg.det(linear)))
+        inverse = np.linalg.inv(linear) * scale[:, None, None]
+        shift = np.einsum("nij,nj->ni", inverse, np.array(view.eye) - moved)
+        table[:] = np.concatenate([inverse, shift[:, :, None]], axis=2).reshape(-1, 12)
+    return np.nan_to_num(table).astype(np.float32)

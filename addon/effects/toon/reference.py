@@ -1,0 +1,315 @@
+"""What toon layers are scored against, along single view rays: no dot is filtered, no line is sampled, and
+nothing is in float32. The caller averages 64 of them over a pixel.
+
+Written apart from the kernels: from the scene's lights, ramps and parameters as they are declared. Shadows
+are traced. The outline is the hull's triangles, met one by one; that the hull is right is shown by tests.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.device import RayCaster, ShadowLight
+from ...core.emitter import EmitterKind
+from ...core.graph import PlannedLayer
+from ...core.outline import Light as Lamp
+from ...core.outline import Outline
+from ...core.surface import SurfacePoints
+from ...core.view_rays import ViewRays
+from ..shared import lit
+from ..soft_shadow.reference import evaluate as shadow_of
+from .looks import excluded_instances, own_of
+from .params import NO_FADE, Anchor, Light, Mix, Normals, ToonParams
+
+SHADOW_RAYS = 64  # of each of two estimates at a point
+
+
+def toon(rays: RayCaster, outline: Outline, layer: PlannedLayer, seen: ViewRays, seed: int) -> np.ndarray:
+    """(1, N, 4) linear RGBA."""
+    params = layer.params
+    surface, found = seen.surface, np.isfinite(seen.distances)
+    light = _light(rays, outline, params, seen, seed)
+    result = np.zeros((len(seen), 4))
+    for material in np.unique(surface["material"][found]):
+        made = outline.materials[material]
+        here = found & (surface["material"] == material)
+        for ramp, chosen in _by_ramp(outline, params, made, surface, here):
+            if ramp is None:
+                continue
+            base = np.broadcast_to(np.array(made.base_color), (len(chosen), 3))
+            texels = rays.texture(made.base_color_image) if made.base_color_image is not None else None
+            if texels is not None:
+                base = lit.bilinear(texels, surface["uv"][chosen]).astype(np.float64)
+            result[chosen, :3] = _mixed(ramp.table().evaluate(light[chosen].clip(0.0, 1.0)), base, params.mix)
+            result[chosen, 3] = 1.0
+    if params.rim > 0.0:
+        cosine = np.abs(np.einsum("ni,ni->n", seen.directions, _normals(params, surface)))
+        band = (result[:, 3] > 0.0) & (cosine < params.rim_width)
+        result[band, :3] += (np.array(params.rim_color) - result[band, :3]) * params.rim
+    emission = np.array([material.emission for material in outline.materials]).reshape(-1, 3)
+    shaded = result[:, 3] > 0.0
+    result[shaded, :3] += params.emission * emission[surface["material"][shaded]]
+    return result[None]
+
+
+def _by_ramp(outline, params, material, surface, here):
+    """The ramps of the points `here`, which are of one material, with their indices; None for excluded."""
+    instances = surface.get("instance")
+    of_material = own_of(material)
+    general = of_material.ramp if of_material.use_ramp else params.ramp
+    general = None if of_material.excluded else general
+    chosen = np.flatnonzero(here)
+    if instances is None or general is None:
+        yield general, chosen
+        return
+    for instance in np.unique(instances[chosen]):
+        own = own_of(outline.instances[instance])
+        ramp = None if own.excluded else own.ramp if own.use_ramp else general
+        yield ramp, chosen[instances[chosen] == instance]
+
+
+def _mixed(ramp: np.ndarray, base: np.ndarray, mix: Mix) -> np.ndarray:
+    colour, share = ramp[:, :3], ramp[:, 3:]
+    if mix == Mix.MULTIPLY:
+        colour = base * colour
+    elif mix == Mix.SOFT_LIGHT:
+        a, b = base.clip(0.0, 1.0), (0.5 * colour).clip(0.0, 1.0)
+        dark = 2.0 * a * b + a**2 * (1.0 - 2.0 * b)
+        bright = 2.0 * a * (1.0 - b) + np.sqrt(a) * (2.0 * b - 1.0)
+        colour = np.where(b <= 0.5, dark, bright)
+    return base * (1.0 - share) + colour * share
+
+
+def _normals(params: ToonParams, surface) -> np.ndarray:
+    name = "geometric_normal" if params.normals == Normals.FLAT else "shading_normal"
+    return surface[name].astype(np.float64)
+
+
+# Light
+
+
+def _light(rays: RayCaster, outline: Outline, params: ToonParams, seen: ViewRays, seed: int) -> np.ndarray:
+    """(N,) float64: how far along the ramp each point is; 0 where there is none."""
+    surface = seen.surface
+    found = np.flatnonzero(np.isfinite(seen.distances))
+    light, full = np.zeros(len(seen)), np.zeros(len(seen))
+    normals = _normals(params, surface)[found]
+    world = seen.origins[found] + seen.distances[found, None] * seen.directions[found]
+    for index, lamp in enumerate(outline.lights):
+        power = max(float(np.dot((0.2126, 0.7152, 0.0722), lamp.intensity)), 0.0)
+        if power <= 0.0 or (params.key_light and lamp.name != params.key_light):
+            continue
+        reached = np.ones(len(found), bool)
+        if lamp.receivers is not None:
+            reached = np.isin(surface["instance"][found], sorted(lamp.receivers))
+        visible = _visible(rays, outline, params, lamp, surface, found, seed + index)
+        if params.light == Light.BRIGHTNESS:
+            at = _points(surface, found, outline)
+            sent = rays.irradiance(lamp.emitter, at).astype(np.float64) * reached
+            brightness = max(float(np.dot((0.2126, 0.7152, 0.0722), lit.brightness(lamp))), 0.0)
+            light[found] += params.exposure * brightness / np.pi * sent * visible
+            full[found] = 1.0
+        else:
+            weight, share = _facing(lamp, power, world, normals)
+            light[found] += weight * share * visible * reached
+            full[found] += weight * reached
+    return np.divide(light, full, out=np.zeros_like(light), where=full > 0.0).clip(0.0, 1.0)
+
+
+def _facing(lamp: Lamp, power: float, world: np.ndarray, normals: np.ndarray):
+    """Weight of a lamp, and the share of it that arrives."""
+    emitter = lamp.emitter
+    axis = np.array(emitter.forward)
+    if emitter.kind == EmitterKind.DISTANT_DISK:
+        return np.full(len(world), power), (-(normals @ axis)).clip(0.0)
+    to = np.array(emitter.centre) - world
+    distance = np.maximum(np.linalg.norm(to, axis=1), 1e-10)
+    to /= distance[:, None]
+    share = np.einsum("ni,ni->n", to, normals).clip(0.0)
+    along = -(to @ axis)
+    if emitter.kind in (EmitterKind.RECTANGLE, EmitterKind.ELLIPSE):
+        share *= along.clip(0.0)
+        if np.isfinite(emitter.tan_half_spread):
+            tangent = np.sqrt((1.0 - along**2).clip(0.0)) / along.clip(1e-6)
+            share *= (1.0 - tangent / max(emitter.tan_half_spread, 1e-6)).clip(0.0)
+    elif emitter.cos_cone > -1.0:
+        width = max((1.0 - emitter.cos_cone) * emitter.blend, 1e-6)
+        x = ((along - emitter.cos_cone) / width).clip(0.0, 1.0)
+        share *= x * x * (3.0 - 2.0 * x)
+    return power / distance**2, share
+
+
+def _points(surface, chosen, outline: Outline) -> SurfacePoints:
+    other = surface.get("geometric_normal", surface.get("shading_normal"))
+    columns = [surface.get(name, other) for name in ("position", "geometric_normal", "shading_normal")]
+    columns = [np.ascontiguousarray(column[chosen], np.float32) for column in columns]
+    return SurfacePoints(*columns, np.array(outline.view.eye))
+
+
+def _visible(rays, outline, params, lamp, surface, chosen, seed) -> np.ndarray:
+    if not (params.shadows and lamp.casts_shadow and len(chosen)):
+        return np.ones(len(chosen))
+    casters = np.array([i.casts_shadow for i in outline.instances], np.uint8)
+    if lamp.casters is not None:
+        casters[[i for i in range(len(casters)) if i not in lamp.casters]] = 0
+    points = _points(surface, chosen, outline)
+    halves, _ = shadow_of(rays, ShadowLight(lamp.emitter, casters), points, SHADOW_RAYS // 2, seed)
+    return halves.mean(axis=1)
+
+
+# Dots
+
+
+def halftone(rays: RayCaster, outline: Outline, layer: PlannedLayer, seen: ViewRays, seed: int) -> np.ndarray:
+    """(1, N, 1): 1 on paper."""
+    params, surface = layer.params, seen.surface
+    found = np.isfinite(seen.distances)
+    inked = np.ones(len(outline.instances) + 1, bool)
+    inked[[*excluded_instances(outline), -1]] = False
+    size = (1.0 - _light(rays, outline, params, seen, seed)) * params.halftone_scale
+    at, cell = _places(outline, params, seen)
+    cosine, sine = np.cos(params.halftone_angle), np.sin(params.halftone_angle)
+    turned = (
+        np.stack([cosine * at[:, 0] + sine * at[:, 1], cosine * at[:, 1] - sine * at[:, 0]], axis=1) / cell
+    )
+    away = np.linalg.norm(turned - np.floor(turned) - 0.5, axis=1)
+    ink = found & inked[surface["instance"]] & (size >= params.halftone_cutoff) & (away < 0.5 * size)
+    fade = params.halftone_opacity
+    if params.halftone_fade_end_m < NO_FADE:
+        start, end = params.halftone_fade_start_m, params.halftone_fade_end_m
+        distance = np.linalg.norm(surface["position"].astype(np.float64), axis=1)
+        x = ((distance - end) / (start - end)).clip(0.0, 1.0) if start < end else (distance < end) * 1.0
+        fade = fade * x * x * (3.0 - 2.0 * x)
+    return (1.0 - ink * fade)[None, :, None]
+
+
+def _places(outline: Outline, params: ToonParams, seen: ViewRays) -> tuple[np.ndarray, float]:
+    """(N, 2) where rays meet the pattern, and the length of its cells in the same unit."""
+    frame_cell = outline.frame_size[1] / params.halftone_repeat
+    start = outline.region[:2] if outline.region else (0, 0)
+    at = seen.pixels + 0.5 + seen.jitter + np.array(start)
+    instance = seen.surface["instance"]
+    if params.halftone_anchor == Anchor.OBJECT:
+        return at - _origins(outline, start)[instance], frame_cell
+    if params.halftone_anchor == Anchor.SURFACE:
+        found = np.flatnonzero(np.isfinite(seen.distances))
+        places = np.zeros((len(seen), 2))
+        world = seen.origins[found] + seen.distances[found, None] * seen.directions[found]
+        for index in np.unique(instance[found]):
+            here = instance[found] == index
+            matrix = np.array(outline.instances[index].matrix)
+            linear = matrix[:3, :3]
+            metres = np.cbrt(abs(np.linalg.det(linear)))
+            local = np.linalg.solve(linear, (world[here] - matrix[:3, 3]).T).T * metres
+            axes = np.linalg.inv(linear)
+            axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+            facing = np.abs(seen.surface["geometric_normal"][found[here]].astype(np.float64) @ axes.T)
+            pairs = np.array([(1, 2), (0, 2), (0, 1)])[facing.argmax(axis=1)]
+            places[found[here]] = np.take_along_axis(local, pairs, axis=1)
+        return places, params.halftone_cell_m
+    return at, frame_cell
+
+
+def _origins(outline: Outline, start) -> np.ndarray:
+    """(I, 2) frame positions of the objects' origins, pixels."""
+    view, (width, height) = outline.view, outline.computed_size
+    left, right, bottom, top = view.window
+    places = []
+    for instance in outline.instances:
+        x, y, depth = view.to_view(np.array([row[3] for row in instance.matrix[:3]]))
+        depth = 1.0 if view.orthographic else max(depth, view.near)
+        places.append(
+            (
+                start[0] + (x / depth - left) / (right - left) * width,
+                start[1] + (y / depth - bottom) / (top - bottom) * height,
+            )
+        )
+    return np.array(places)
+
+
+# Lines
+
+
+def outline_ink(
+    rays: RayCaster, outline: Outline, layer: PlannedLayer, seen: ViewRays, seed: int
+) -> np.ndarray:
+    """(1, N, 4) premultiplied: the nearest triangle of the hull before the surface. Inner lines are made by
+    pixels, so where they are switched on this is not their truth."""
+    hull = rays.value(_hull_node(layer))
+    view = outline.view
+    result = np.zeros((len(seen), 4))
+    nearest = seen.distances * (seen.directions @ np.array(view.forward))  # depth of the surface
+    left, right, bottom, top = view.window
+    width, height = outline.computed_size
+    steps = np.array([(right - left) / width, (top - bottom) / height])
+    window = np.array([left, bottom]) + (seen.pixels + 0.5 + seen.jitter) * steps
+    triangles, owners, lows, highs = _on_screen(hull, view)
+    pixels = seen.pixels[:, 1].astype(np.int64) * width + seen.pixels[:, 0]
+    for pixel in np.unique(pixels):
+        here = np.flatnonzero(pixels == pixel)
+        low, high = window[here].min(axis=0), window[here].max(axis=0)
+        chosen = np.flatnonzero(((lows <= high) & (highs >= low)).all(axis=1))
+        depths, which = _depths(triangles[chosen], window[here], view)
+        inked = depths < nearest[here]
+        for row, owner in zip(here[inked], owners[chosen[which[inked]]], strict=True):
+            own = own_of(outline.instances[owner])
+            colour = own.outline_color if own.use_outline_color else layer.params.outline_color
+            result[row] = (*colour, 1.0)
+    return result[None]
+
+
+def _on_screen(hull, view):
+    """The hull's triangles (T, 3, 3) float64 in view axes, their instances (T,), and boxes around them on the
+    window, lows and highs (T, 2): infinite where a triangle reaches the eye's plane. Kept with the hull."""
+    if view not in hull.memo:
+        corners = np.concatenate([np.zeros((0, 3), np.float32), *hull.triangles.values()])
+        triangles = (
+            corners.reshape(-1, 3, 3).astype(np.float64) @ np.array([view.right, view.up, view.forward]).T
+        )
+        owners = np.repeat(list(hull.triangles), [len(each) // 3 for each in hull.triangles.values()])
+        depth = np.ones_like(triangles[..., 2]) if view.orthographic else triangles[..., 2]
+        cut = depth.min(axis=1) <= 1e-9
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = triangles[..., :2] / depth[..., None]
+        lows, highs = at.min(axis=1), at.max(axis=1)
+        lows[cut], highs[cut] = -np.inf, np.inf
+        hull.memo[view] = triangles, owners.astype(np.int64), lows, highs
+    return hull.memo[view]
+
+
+def _hull_node(layer: PlannedLayer):
+    stack = [layer.node]
+    while stack:
+        node = stack.pop()
+        if node.step.name == "toon/hull":
+            return node
+        stack += node.inputs
+    raise LookupError("the outline has no hull")
+
+
+def _depths(points: np.ndarray, window: np.ndarray, view) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) depth of the nearest triangle (T, 3, 3) along each line of sight, infinite for none, and which it
+    is (Möller, Trumbore)."""
+    if not len(points):
+        return np.full(len(window), np.inf), np.zeros(len(window), int)
+    flat = np.zeros((len(window), 1))
+    if view.orthographic:
+        origins, directions = (
+            np.concatenate([window, flat], axis=1),
+            np.concatenate([0 * window, flat + 1], axis=1),
+        )
+    else:
+        origins, directions = np.zeros((len(window), 3)), np.concatenate([window, flat + 1.0], axis=1)
+    first, second = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
+    across = np.cross(directions[:, None], second)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1.0 / np.einsum("ti,nti->nt", first, across)
+        offset = origins[:, None] - points[None, :, 0]
+        u = np.einsum("nti,nti->nt", offset, across) * inverse
+        normal = np.cross(offset, first)
+        v = np.einsum("ni,nti->nt", directions, normal) * inverse
+        depth = np.einsum("ti,nti->nt", second, normal) * inverse
+        hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (depth >= view.near) & (depth <= view.far)
+    depth = np.where(hit, depth, np.inf)
+    which = depth.argmin(axis=1)
+    return np.take_along_axis(depth, which[:, None], axis=1)[:, 0], which

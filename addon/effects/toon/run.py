@@ -1,0 +1,230 @@
+"""The order of work, the same on every device."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.culling import around, boxes_of, lights_region, receivers_in_view
+from ...core.graph import Node
+from ...core.outline import Outline
+from ...core.recorder import Recorder
+from ..shared import lit
+from ..shared import steps as shared
+from . import pattern, steps
+from .lights import luminance, packed_lights
+from .looks import excluded_instances, own_of, ramps_of, without_outline
+from .params import NO_CREASE, Anchor, Light, Normals, ToonParams, Unit
+
+
+def needed(outline: Outline) -> str | None:
+    """Why there is nothing to shade, or None."""
+    return None if outline.instances else "the scene has no surfaces"
+
+
+def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
+    """The toon image, then dots and lines over it."""
+    from . import HALFTONE, OUTLINE, TOON
+
+    boxes = boxes_of(outline)
+    seen, receivers = receivers_in_view(outline, boxes)
+    if not seen.any():
+        recorder.left_out("toon", "nothing is in view")
+        return
+    visible = frozenset(np.flatnonzero(seen).tolist())
+    excluded = excluded_instances(outline)
+    if visible <= excluded:
+        recorder.left_out("toon", "everything in view is excluded from it")
+        return
+    normal = "geometric_normal" if params.normals == Normals.FLAT else "shading_normal"
+    surface = shared.surface(recorder, outline, visible, normal)
+    light, casters = _light(recorder, outline, params, surface, normal, visible, around(receivers))
+    recorder.layer(TOON, _shade(recorder, outline, params, surface, light, normal, visible), casters=casters)
+    if not params.halftone:
+        recorder.left_out("toon halftone", "it is switched off")
+    elif reason := _no_dots(params):
+        recorder.left_out("toon halftone", reason)
+    else:
+        node = _halftone(recorder, outline, params, light, excluded)
+        recorder.layer(HALFTONE, node, casters=casters)
+    if not params.outline:
+        recorder.left_out("toon outline", "it is switched off")
+    else:
+        _outline(recorder, outline, params, visible, excluded, OUTLINE)
+
+
+# Light
+
+
+def _light(recorder, outline, params, surface, normal, visible, region) -> tuple[Node, frozenset[int]]:
+    """How far along the ramp each point is, and the instances that cast shadow on it."""
+    chosen = _chosen_lights(recorder, outline, params, visible, region)
+    shadows = [recorder.source("visibility", index) if params.shadows else None for index in chosen]
+    casters = frozenset().union(*(shadow[1] for shadow in shadows if shadow))
+    lights = [outline.lights[index] for index in chosen]
+    shadowed = tuple(shadow is not None for shadow in shadows)
+    if not lights:
+        return recorder.step(steps.UNLIT, surface, normal=normal), casters
+    if params.light == Light.BRIGHTNESS:
+        inputs = []
+        for light, shadow in zip(lights, shadows, strict=True):
+            inputs += [lit.irradiance(recorder, outline, light), *([shadow[0]] if shadow else [])]
+        weights = tuple(params.exposure * _luminance_of_brightness(light) for light in lights)
+        return recorder.step(steps.BRIGHTNESS, *inputs, weights=weights, shadowed=shadowed), casters
+    linked = tuple(light.receivers for light in lights)
+    recorder.surface_with("position", *(["instance"] if any(r is not None for r in linked) else []))
+    node = recorder.step(
+        steps.FACING,
+        surface,
+        *(shadow[0] for shadow in shadows if shadow),
+        normal=normal,
+        lights=packed_lights(lights, outline.view.eye),
+        shadowed=shadowed,
+        linked=linked,
+    )
+    return node, casters
+
+
+def _luminance_of_brightness(light) -> float:
+    """Luminance of what the irradiance kernel's result is per unit of."""
+    full = luminance(light)
+    colour, intensity = lit.brightness(light), light.intensity
+    largest = max(range(3), key=lambda k: intensity[k])
+    return full * colour[largest] / intensity[largest] if full > 0.0 else 0.0
+
+
+def _chosen_lights(recorder, outline, params, visible, region) -> list[int]:
+    """Those that count; the others are noted."""
+    chosen = []
+    for index, light in enumerate(outline.lights):
+        if params.key_light and light.name != params.key_light:
+            reason = f"only '{params.key_light}' counts"
+        elif luminance(light) <= 0.0:
+            reason = "no power"
+        elif light.receivers is not None and light.receivers.isdisjoint(visible):
+            reason = "it lights nothing in view (light linking)"
+        elif not lights_region(light, region):
+            reason = "reaches nothing in view"
+        else:
+            chosen.append(index)
+            continue
+        recorder.left_out(f"toon light {light.name}", reason, light.name)
+    if not chosen:
+        known = any(light.name == params.key_light for light in outline.lights)
+        reason = "no light shines on what is in view: all is shade"
+        if params.key_light and not known:
+            reason = f"there is no light '{params.key_light}': all is shade"
+        recorder.left_out("toon light", reason)
+    return chosen
+
+
+# Layers
+
+
+def _shade(recorder, outline, params, surface, light, normal, visible) -> Node:
+    ramps = ramps_of(outline, params)
+    recorder.surface_with("material", *(["instance"] if ramps.instances is not None else []))
+    if params.rim > 0.0:
+        recorder.surface_with("position")
+    table = [(*material.base_color, *material.emission) for material in outline.materials]
+    used = {m for i in visible for m in outline.instances[i].materials}
+    textured = any(outline.materials[m].base_color_image is not None for m in used)
+    base = [lit.base_colour(recorder, outline)] if textured else []
+    return recorder.step(
+        steps.SHADE,
+        surface,
+        light,
+        *base,
+        normal=normal,
+        table=np.array(table, np.float32).reshape(-1, 6),
+        mix=params.mix.value,
+        emission=params.emission,
+        rim=(params.rim_width, params.rim, *params.rim_color),
+        forward=outline.view.forward if outline.view.orthographic else None,
+        **ramps.as_params(),
+    )
+
+
+def _no_dots(params: ToonParams) -> str | None:
+    """Why no dot would be seen, or None."""
+    if params.halftone_opacity <= 0.0:
+        return "its ink is transparent"
+    if params.halftone_scale < params.halftone_cutoff or params.halftone_scale <= 0.0:
+        return "its largest dots are below its cutoff"
+    if params.halftone_fade_end_m <= 0.0:
+        return "it has faded everywhere"
+    return None
+
+
+def _halftone(recorder, outline, params, light, excluded) -> Node:
+    attributes = ["position", "instance"]
+    if params.halftone_anchor == Anchor.SURFACE:
+        attributes.append("geometric_normal")
+    surface = recorder.surface_with(*attributes)
+    inked = np.ones(len(outline.instances), np.uint8)
+    inked[sorted(excluded)] = 0
+    return recorder.step(
+        steps.HALFTONE,
+        surface,
+        light,
+        anchors=pattern.anchors(params, outline),
+        inked=inked.tobytes(),
+        **pattern.settings(params, outline),
+    )
+
+
+def _outline(recorder, outline, params, visible, excluded, kind) -> None:
+    chosen = visible - excluded - without_outline(outline)
+    drawn = {index: own_of(outline.instances[index]) for index in sorted(chosen)}
+    crease = None if params.crease_angle >= NO_CREASE else float(np.cos(params.crease_angle))
+    has_lines = params.object_lines or params.material_lines or crease is not None
+    in_pixels = params.outline_unit == Unit.PIXEL
+    width = params.outline_width_px if in_pixels else params.outline_width_m
+    if not drawn:
+        recorder.left_out("toon outline", "no object in view has one")
+        return
+    if (width <= 0.0 or params.outline_most_px <= 0.0) and not has_lines:
+        recorder.left_out("toon outline", "its width is 0")
+        return
+    geometry = shared.geometry(recorder, outline)
+    view = outline.view
+    if params.outline_thickness:
+        recorder.wants(f"vertex:{params.outline_thickness}")
+    hull = recorder.step(
+        steps.HULL,
+        geometry,
+        view=view,
+        pixel=(view.window[3] - view.window[2]) / outline.computed_size[1],
+        instances=tuple(drawn),
+        width=width,
+        in_pixels=in_pixels,
+        least=min(params.outline_least_px, params.outline_most_px),
+        most=params.outline_most_px,
+        scales=tuple(own.outline_scale for own in drawn.values()),
+        thickness=params.outline_thickness,
+    )
+    colours = np.tile(np.array(params.outline_color, np.float32), (len(outline.instances), 1))
+    for index, own in drawn.items():
+        if own.use_outline_color:
+            colours[index] = own.outline_color
+    lines = []
+    if has_lines:
+        lines.append(
+            recorder.step(
+                steps.LINES,
+                geometry,
+                view=view,
+                visible=visible,
+                marked=frozenset(drawn),
+                width=params.line_width_px,
+                objects=params.object_lines,
+                materials=params.material_lines,
+                crease=crease,
+            )
+        )
+        if crease is not None:
+            recorder.wants("corner_normals")
+    surface = recorder.surface_with("depth", *(["instance"] if lines else []))
+    ink = recorder.step(
+        steps.OUTLINE, surface, recorder.step(steps.HULL_GEOMETRY, hull), *lines, view=view, colours=colours
+    )
+    recorder.layer(kind, ink)

@@ -1,0 +1,205 @@
+"""The steps of toon shading, each with its two twins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...core.graph import Step
+from ...core.view import View
+from . import gpu_steps
+from .pattern import packed_pattern
+
+
+def _facing(device, surface, *visibility, normal, lights, shadowed, linked):
+    images = iter(visibility)
+    receives = None
+    if any(instances is not None for instances in linked):
+        everything = frozenset(range(len(device.instance_mask(frozenset()))))
+        receives = np.array([device.instance_mask(everything if i is None else i) for i in linked])
+    return device.kernels.toon_facing(
+        surface["position"],
+        surface[normal],
+        lights,
+        [next(images) if shadow else None for shadow in shadowed],
+        surface["instance"] if receives is not None else None,
+        receives,
+        cancel=device.cancel_flag,
+    )
+
+
+def _brightness(device, *images, weights, shadowed):
+    queue = iter(images)
+    total = np.float32(0.0)
+    for weight, shadow in zip(weights, shadowed, strict=True):
+        light = next(queue) * np.float32(weight / np.pi)
+        total = total + (light * next(queue) if shadow else light)
+    return np.clip(total, 0.0, 1.0)
+
+
+def _unlit(device, surface, normal):
+    return np.zeros(surface[normal].shape[:2], np.float32)
+
+
+def _shade(
+    device,
+    surface,
+    light,
+    *base,
+    normal,
+    table,
+    materials,
+    pieces,
+    starts,
+    clamps,
+    mix,
+    emission,
+    rim,
+    forward,
+    instances=None,
+):
+    has_rim = rim[1] > 0.0
+    return device.kernels.toon_shade(
+        light,
+        surface["material"],
+        table,
+        materials,
+        pieces,
+        starts,
+        clamps,
+        gpu_steps.MIXES[mix],
+        emission,
+        rim,
+        base=base[0] if base else None,
+        instance=surface["instance"] if instances is not None else None,
+        instance_ramps=instances,
+        position=surface["position"] if has_rim else None,
+        normal=surface[normal] if has_rim else None,
+        forward=forward,
+        cancel=device.cancel_flag,
+    )
+
+
+def _halftone(device, surface, light, anchors, inked, chunk, **pattern):
+    on_surface = pattern["anchor"] == "surface"
+    return device.kernels.toon_halftone(
+        light,
+        surface["position"],
+        surface["instance"],
+        packed_pattern(chunk, **pattern),
+        inked,
+        anchors,
+        surface["geometric_normal"] if on_surface else None,
+        cancel=device.cancel_flag,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """Triangle corners (3 T, 3) float32 relative to `eye`, by instance. No device has it: it is plain numbers
+    to make a geometry of. `memo`: what its readers worked out of it."""
+
+    eye: tuple[float, float, float]
+    triangles: dict[int, np.ndarray]
+    memo: dict = field(default_factory=dict)
+
+    @property
+    def nbytes(self) -> int:
+        return sum(corners.nbytes for corners in self.triangles.values())
+
+
+def _hull(device, geometry, view: View, pixel, instances, width, in_pixels, least, most, scales, thickness):
+    triangles = device.kernels.toon_hull(
+        geometry,
+        list(instances),
+        view.packed(),
+        pixel,
+        width,
+        in_pixels,
+        least,
+        most,
+        list(scales),
+        device.vertex_values() if thickness else [],
+        cancel=device.cancel_flag,
+    )
+    found = zip(instances, triangles, strict=True)
+    return Hull(view.eye, {instance: corners for instance, corners in found if len(corners)})
+
+
+def _hull_geometry(device, hull):
+    matrix = np.eye(4)
+    matrix[:3, 3] = hull.eye
+    return device.geometry_of_triangles(hull.triangles, matrix)
+
+
+def _outline(device, surface, hull, *lines, view: View, colours, chunk):
+    seen = device.kernels.raster_surface(
+        hull,
+        np.ones(hull.instance_count(), np.uint8),
+        view.packed(),
+        chunk.width,
+        chunk.height,
+        rows=(chunk.y0, chunk.y1),
+        jitter=chunk.jitter,
+        attributes=["depth", "object_id"],
+        cancel=device.cancel_flag,
+    )
+    return device.kernels.toon_outline(
+        surface["depth"],
+        seen["depth"],
+        seen["object_id"],
+        colours,
+        lines[0] if lines else None,
+        surface["instance"] if lines else None,
+        cancel=device.cancel_flag,
+    )
+
+
+def _lines(device, geometry, view: View, visible, marked, width, objects, materials, crease, chunk):
+    margin = gpu_steps.line_margin(width)
+    low, high = max(chunk.y0 - margin, 0), min(chunk.y1 + margin, chunk.height)
+    wanted = ["instance"] + ["object_id"] * objects + ["material"] * materials
+    wanted += ["shading_normal"] if crease is not None else []
+    seen = device.kernels.raster_surface(
+        geometry,
+        device.instance_mask(visible),
+        view.packed(),
+        chunk.width,
+        chunk.height,
+        rows=(low, high),
+        jitter=chunk.jitter,
+        attributes=wanted,
+        cancel=device.cancel_flag,
+    )
+    mask = np.append(device.instance_mask(marked), 0).astype(bool)  # index -1, a miss, is the last
+    return device.kernels.toon_edges(
+        np.where(mask[seen["instance"]], seen["instance"], -1),
+        chunk.y0 - low,
+        chunk.y1 - low,
+        width,
+        seen.get("object_id"),
+        seen.get("material"),
+        seen.get("shading_normal"),
+        -2.0 if crease is None else crease,
+        cancel=device.cancel_flag,
+    )
+
+
+# How much points face the lights, in 0 to 1: what the ramp is looked up with.
+FACING = Step("toon/facing", cpu=_facing, gpu=gpu_steps.facing)
+# What white surfaces would send back, instead.
+BRIGHTNESS = Step("toon/brightness", cpu=_brightness, gpu=gpu_steps.brightness)
+# Where no light counts.
+UNLIT = Step("toon/unlit", cpu=_unlit, gpu=gpu_steps.unlit)
+# The ramp's colour over the material's, then rim and emission.
+SHADE = Step("toon/shade", cpu=_shade, gpu=gpu_steps.shade)
+# Paper between the dots.
+HALFTONE = Step("toon/halftone", cpu=_halftone, gpu=gpu_steps.halftone, told_chunk=True)
+# What faces away of every outlined surface, moved out by the line's width.
+HULL = Step("toon/hull", cpu=_hull, hole="which faces touch is found once a frame, on the CPU")
+HULL_GEOMETRY = Step("toon/hull_geometry", cpu=_hull_geometry, gpu=_hull_geometry, copyable=False)
+# Ink where the hull lies before every surface.
+OUTLINE = Step("toon/outline", cpu=_outline, gpu=gpu_steps.outline, told_chunk=True)
+# Lines between objects, materials and faces.
+LINES = Step("toon/lines", cpu=_lines, gpu=gpu_steps.lines, per_surface=True, told_chunk=True)

@@ -1,0 +1,59 @@
+"""Settings that lights, objects and materials have of their own, where Strata's properties are registered."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..core.effect import Effect
+from ..core.outline import Own
+from ..core.params import Colour, ParamSpec
+from ..core.ramp import HuePath, Ramp, RampInterpolation, RampMode
+from ..effects.registry import EFFECTS
+
+OWNERS = ("Light", "Object", "Material")
+"""Names of Blender's types that have them."""
+
+
+def own_specs(owner: str) -> dict[Effect, tuple[ParamSpec, ...]]:
+    """What one of OWNERS may have of its own, by effect."""
+    if owner == "Light":
+        found = {effect: tuple(s for s in effect.params.specs() if s.per_light) for effect in EFFECTS}
+    else:
+        found = {effect: effect.object_params.specs() for effect in EFFECTS if effect.object_params}
+    return {effect: specs for effect, specs in found.items() if specs}
+
+
+def own_settings_of(data: bpy.types.ID | None, owner: str) -> Own:
+    """Of an evaluated light, object or material; empty where it has none."""
+    if data is None or "strata" not in data.bl_rna.properties or not data.is_property_set("strata"):
+        return ()  # asked for, it would be made, and leak with a temporary object
+    settings = data.strata
+    if not settings.use_own:
+        return ()
+    return tuple(
+        (effect.id, spec.name, value_of(spec, getattr(getattr(settings, effect.id), spec.name)))
+        for effect, specs in own_specs(owner).items()
+        for spec in specs
+    )
+
+
+def value_of(spec: ParamSpec, value: Any) -> Any:
+    """What a property holds, as a parameter. A ramp is that of a texture, or the default without one."""
+    if spec.kind is Colour:
+        return tuple(value)
+    if spec.kind is not Ramp:
+        return value
+    return spec.default if value is None or not value.use_color_ramp else ramp_of(value.color_ramp)
+
+
+def ramp_of(ramp: bpy.types.ColorRamp) -> Ramp:
+    """Blender's own."""
+    stops = sorted(((e.position, tuple(e.color)) for e in ramp.elements), key=lambda stop: stop[0])
+    return Ramp(
+        tuple(stops),
+        RampInterpolation[ramp.interpolation],
+        RampMode[ramp.color_mode],
+        HuePath[ramp.hue_interpolation],
+    )

@@ -1,0 +1,512 @@
+//! The inverted hull: surfaces moved out along their normals, of which only what faces away is kept.
+//!
+//! The hull is the surface grown by a ball of the line's width, as far as triangles can say: smooth parts move
+//! along the mean normal of all triangles that touch (vertices are welded by position, so that split normals open
+//! no gaps), sharp convex edges and open borders get round strips, and corners the patches between these. So the
+//! ring around a silhouette is as wide at a box's edge as on a ball, from every side.
+
+use super::flag;
+use super::topology::Topology;
+use crate::cancel::CancelFlag;
+use crate::geometry::{Data, Geometry, Instance, Mesh};
+use crate::view::View;
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+type Vec3 = [f64; 3];
+
+/// Triangles that meet at less than this angle are one smooth surface: 30 degrees.
+const SMOOTH_COSINE: f64 = 0.866_025_403_784_438_6;
+/// The largest angle, radians, between two directions of a round strip: 20 degrees. Its ring is then 0.985 to 1
+/// times the width.
+const STRIP_ANGLE: f64 = 0.349_065_850_398_865_9;
+
+fn dot(a: Vec3, b: Vec3) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: Vec3, b: Vec3) -> Vec3 {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+fn add(a: Vec3, b: Vec3) -> Vec3 {
+    std::array::from_fn(|k| a[k] + b[k])
+}
+
+fn sub(a: Vec3, b: Vec3) -> Vec3 {
+    std::array::from_fn(|k| a[k] - b[k])
+}
+
+fn scale(a: Vec3, s: f64) -> Vec3 {
+    a.map(|x| x * s)
+}
+
+fn unit(a: Vec3) -> Option<Vec3> {
+    let length = dot(a, a).sqrt();
+    (length > 1e-150 && length.is_finite()).then(|| scale(a, 1.0 / length))
+}
+
+/// How wide a line is.
+struct Width {
+    /// Metres, or pixels.
+    width: f64,
+    in_pixels: bool,
+    /// Limits, pixels.
+    least: f64,
+    most: f64,
+}
+
+struct Eye {
+    view: View,
+    /// Window units of a pixel.
+    pixel: f64,
+}
+
+impl Eye {
+    /// Whether a triangle or a strip at `p`, relative to the eye, faces away with the outward normal `n`.
+    fn faces_away(&self, p: Vec3, n: Vec3) -> bool {
+        dot(
+            if self.view.orthographic {
+                self.view.forward
+            } else {
+                p
+            },
+            n,
+        ) > 0.0
+    }
+
+    /// Metres of a line at `p`; `thickness` scales it before the limits hold.
+    fn metres(&self, width: &Width, thickness: f64, p: Vec3) -> f64 {
+        let depth = if self.view.orthographic {
+            1.0
+        } else {
+            dot(p, self.view.forward).max(self.view.near)
+        };
+        let pixel = self.pixel * depth;
+        let wanted = width.width * thickness;
+        if wanted.is_nan() || wanted <= 0.0 {
+            return 0.0; // no line at all, whatever the least width
+        }
+        let pixels = if width.in_pixels { wanted } else { wanted / pixel };
+        pixels.clamp(width.least, width.most) * pixel
+    }
+}
+
+/// Directions from one to another that a strip passes, both ends included.
+fn arc(from: Vec3, to: Vec3) -> Vec<Vec3> {
+    let angle = dot(from, to).clamp(-1.0, 1.0).acos();
+    let pieces = (angle / STRIP_ANGLE).ceil().max(1.0);
+    let sine = angle.sin();
+    (0..=pieces as usize)
+        .map(|i| {
+            let t = i as f64 / pieces;
+            if sine < 1e-6 {
+                return if 2 * i > pieces as usize { to } else { from };
+            }
+            let mixed = add(
+                scale(from, ((1.0 - t) * angle).sin() / sine),
+                scale(to, (t * angle).sin() / sine),
+            );
+            unit(mixed).unwrap_or(from)
+        })
+        .collect()
+}
+
+/// As many directions as `count`, the last one repeated.
+fn padded(mut directions: Vec<Vec3>, count: usize) -> Vec<Vec3> {
+    let last = *directions.last().expect("an arc has two ends");
+    directions.resize(count, last);
+    directions
+}
+
+/// The round strips that end at a welded vertex: what they pass, and the sum of their directions.
+#[derive(Default)]
+struct Meeting {
+    arcs: Vec<Vec<Vec3>>,
+    middle: Vec3,
+}
+
+/// One instance's hull under way.
+struct Builder<'a> {
+    eye: &'a Eye,
+    /// Of welded vertices, relative to the eye, and how far they move.
+    points: Vec<Vec3>,
+    widths: Vec<f64>,
+    triangles: Vec<[[f32; 3]; 3]>,
+}
+
+impl Builder<'_> {
+    /// Vertex moved along a direction.
+    fn moved(&self, vertex: u32, direction: Vec3) -> Vec3 {
+        add(
+            self.points[vertex as usize],
+            scale(direction, self.widths[vertex as usize]),
+        )
+    }
+
+    fn emit(&mut self, corners: [(u32, Vec3); 3]) {
+        if corners
+            .iter()
+            .all(|(vertex, _)| self.widths[*vertex as usize] <= 0.0)
+        {
+            return; // no line here
+        }
+        let [a, b, c] = corners.map(|(vertex, direction)| self.moved(vertex, direction));
+        if [a, b, c].iter().flatten().all(|x| x.is_finite()) && a != b && b != c && c != a {
+            self.triangles.push([a, b, c].map(|p| p.map(|x| x as f32)));
+        }
+    }
+
+    /// A piece of a strip or a patch, if it faces away.
+    fn emit_round(&mut self, corners: [(u32, Vec3); 3]) {
+        let [(at, a), (_, b), (_, c)] = corners;
+        if self.eye.faces_away(self.moved(at, a), add(a, add(b, c))) {
+            self.emit(corners);
+        }
+    }
+
+    /// A strip between two vertices (or one and itself), each moved along an arc of directions.
+    fn strip(&mut self, ends: [u32; 2], arcs: [Vec<Vec3>; 2]) {
+        let count = arcs[0].len().max(arcs[1].len());
+        let [start, end] = arcs.map(|arc| padded(arc, count));
+        for i in 1..count {
+            let [a, b, c, d] = [
+                (ends[0], start[i - 1]),
+                (ends[0], start[i]),
+                (ends[1], end[i - 1]),
+                (ends[1], end[i]),
+            ];
+            self.emit_round([a, b, c]);
+            self.emit_round([b, d, c]);
+        }
+    }
+}
+
+/// Groups corners of triangles that are one smooth surface around their vertex.
+struct Fans(Vec<u32>);
+
+impl Fans {
+    fn root(&mut self, mut corner: u32) -> u32 {
+        while self.0[corner as usize] != corner {
+            let above = self.0[self.0[corner as usize] as usize];
+            self.0[corner as usize] = above;
+            corner = above;
+        }
+        corner
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.0[a.max(b) as usize] = a.min(b);
+    }
+}
+
+/// The hull of one instance, triangles relative to the eye.
+fn hull(
+    mesh: &Mesh,
+    topology: &Topology,
+    instance: &Instance,
+    skipped: &dyn Fn(usize) -> bool,
+    thickness: Option<&[f32]>,
+    width: &Width,
+    eye: &Eye,
+) -> Vec<[[f32; 3]; 3]> {
+    let matrix = &instance.matrix;
+    let point = |vertex: &u32| -> Vec3 {
+        let p = mesh.positions[*vertex as usize].map(f64::from);
+        std::array::from_fn(|k| {
+            dot([matrix[k][0], matrix[k][1], matrix[k][2]], p) + (matrix[k][3] - eye.view.eye[k])
+        })
+    };
+    let points: Vec<Vec3> = topology.vertices.iter().map(point).collect();
+    let widths = topology
+        .vertices
+        .iter()
+        .zip(&points)
+        .map(|(vertex, p)| {
+            let share = thickness.map_or(1.0, |t| f64::from(t[*vertex as usize]));
+            eye.metres(width, share, *p)
+        })
+        .collect();
+    // A mirroring matrix turns the winding round, but not what is outside.
+    let [rx, ry, rz] = [0, 1, 2].map(|k| [matrix[k][0], matrix[k][1], matrix[k][2]]);
+    let side = dot(rx, cross(ry, rz)).signum();
+    let normal = |ends: &[u32; 3]| -> Option<Vec3> {
+        let [a, b, c] = ends.map(|v| points[v as usize]);
+        unit(scale(cross(sub(b, a), sub(c, a)), side))
+    };
+    let normals: Vec<Option<Vec3>> = topology
+        .corners
+        .iter()
+        .enumerate()
+        .map(|(triangle, ends)| if skipped(triangle) { None } else { normal(ends) })
+        .collect();
+    let directions = fan_directions(topology, &points, &normals);
+    // An open surface has a back of its own, which its border's ring ends at.
+    let is_open = topology.edges.iter().any(|edge| edge.second.is_none());
+    let mut builder = Builder {
+        eye,
+        points,
+        widths,
+        triangles: Vec::new(),
+    };
+    for (triangle, ends) in topology.corners.iter().enumerate() {
+        // By the triangle before it moved: what was in front stays away, even where the hull folds over.
+        let Some(n) = normals[triangle] else { continue };
+        let corners: [(u32, Vec3); 3] = std::array::from_fn(|k| (ends[k], directions[3 * triangle + k]));
+        if eye.faces_away(builder.points[ends[0] as usize], n) {
+            builder.emit(corners);
+        } else if is_open {
+            builder.emit(corners.map(|(vertex, direction)| (vertex, scale(direction, -1.0))));
+        }
+    }
+    round_edges(topology, &normals, &directions, &mut builder);
+    builder.triangles
+}
+
+/// The outward direction of every triangle's corners: the mean normal, by angle, of the smooth surface around.
+fn fan_directions(topology: &Topology, points: &[Vec3], normals: &[Option<Vec3>]) -> Vec<Vec3> {
+    let mut fans = Fans((0..3 * topology.corners.len() as u32).collect());
+    for edge in &topology.edges {
+        let Some((b, l)) = edge.second else { continue };
+        let (a, k) = edge.first;
+        if is_smooth(topology, normals, (a, k), (b, l)) {
+            // The second triangle runs through the edge backwards.
+            fans.join(3 * a + u32::from(k), 3 * b + u32::from((l + 1) % 3));
+            fans.join(3 * a + u32::from((k + 1) % 3), 3 * b + u32::from(l));
+        }
+    }
+    let roots: Vec<u32> = (0..3 * topology.corners.len() as u32)
+        .map(|corner| fans.root(corner))
+        .collect();
+    let mut sums = vec![[0.0; 3]; roots.len()];
+    for (triangle, ends) in topology.corners.iter().enumerate() {
+        let Some(n) = normals[triangle] else { continue };
+        let [a, b, c] = ends.map(|v| points[v as usize]);
+        let sides = [sub(b, a), sub(c, b), sub(a, c)].map(unit);
+        for k in 0..3 {
+            let (Some(next), Some(before)) = (sides[k], sides[(k + 2) % 3]) else {
+                continue;
+            };
+            let angle = (-dot(next, before)).clamp(-1.0, 1.0).acos();
+            let sum = &mut sums[roots[3 * triangle + k] as usize];
+            *sum = add(*sum, scale(n, angle));
+        }
+    }
+    let means: Vec<Option<Vec3>> = sums.into_iter().map(unit).collect();
+    // A tip's normals are far from their mean: there each triangle keeps to its own.
+    let mut is_tip = vec![false; roots.len()];
+    for (corner, &root) in roots.iter().enumerate() {
+        if let (Some(n), Some(mean)) = (normals[corner / 3], means[root as usize]) {
+            is_tip[root as usize] |= dot(n, mean) < SMOOTH_COSINE;
+        }
+    }
+    let direction = |corner: usize| {
+        let root = roots[corner] as usize;
+        let mean = means[root].filter(|_| !is_tip[root]);
+        mean.or(normals[corner / 3]).unwrap_or([0.0; 3])
+    };
+    (0..roots.len()).map(direction).collect()
+}
+
+fn is_smooth(topology: &Topology, normals: &[Option<Vec3>], a: (u32, u8), b: (u32, u8)) -> bool {
+    let start = |(t, k): (u32, u8)| topology.corners[t as usize][k as usize];
+    // Two triangles that wind the same way about an edge face opposite sides.
+    start(a) != start(b)
+        && match (normals[a.0 as usize], normals[b.0 as usize]) {
+            (Some(m), Some(n)) => dot(m, n) >= SMOOTH_COSINE,
+            _ => false,
+        }
+}
+
+/// Round strips at convex edges and open borders, and patches where they meet.
+fn round_edges(topology: &Topology, normals: &[Option<Vec3>], directions: &[Vec3], builder: &mut Builder) {
+    let mut meetings: HashMap<u32, Meeting> = HashMap::new();
+    for edge in &topology.edges {
+        let (a, k) = edge.first;
+        let [start, end] = [k, (k + 1) % 3].map(|k| topology.corners[a as usize][k as usize]);
+        let Some(n) = normals[a as usize] else { continue };
+        let at = |t: u32, k: u8| directions[(3 * t + u32::from(k)) as usize];
+        let (here, along) = (
+            [at(a, k), at(a, (k + 1) % 3)],
+            sub(builder.points[end as usize], builder.points[start as usize]),
+        );
+        let second = edge.second.filter(|(b, _)| normals[*b as usize].is_some());
+        let arcs: [Vec<Vec3>; 2] = match second {
+            Some((b, l)) if topology.corners[b as usize][l as usize] != start => {
+                let opposite = topology.corners[b as usize][(l as usize + 2) % 3];
+                let away = sub(builder.points[opposite as usize], builder.points[start as usize]);
+                let there = [at(b, (l + 1) % 3), at(b, l)];
+                if here == there || dot(n, away) >= 0.0 {
+                    continue; // one surface, or a valley, where the moved triangles overlap
+                }
+                [arc(here[0], there[0]), arc(here[1], there[1])]
+            }
+            _ => {
+                let inner = topology.corners[a as usize][(k as usize + 2) % 3];
+                let Some(out) = outward(
+                    along,
+                    n,
+                    sub(builder.points[inner as usize], builder.points[start as usize]),
+                ) else {
+                    continue;
+                };
+                here.map(|n| {
+                    let out = unit(sub(out, scale(n, dot(n, out)))).unwrap_or(out);
+                    let mut both = arc(n, out);
+                    both.extend(arc(out, scale(n, -1.0)).into_iter().skip(1));
+                    both
+                })
+            }
+        };
+        for (vertex, arc) in [start, end].into_iter().zip(&arcs) {
+            let meeting = meetings.entry(vertex).or_default();
+            let middle = arc[arc.len() / 2];
+            meeting.middle = add(meeting.middle, middle);
+            meeting.arcs.push(arc.clone());
+        }
+        builder.strip([start, end], arcs);
+    }
+    let mut meetings: Vec<(u32, Meeting)> = meetings.into_iter().collect();
+    meetings.sort_unstable_by_key(|(vertex, _)| *vertex); // the same order every time
+    for (vertex, meeting) in meetings {
+        let Some(middle) = unit(meeting.middle) else {
+            continue;
+        };
+        if meeting.arcs.len() < 2 {
+            continue;
+        }
+        for arc in &meeting.arcs {
+            // From the corner's middle out to the strip's end, a part of a sphere.
+            let rays: Vec<Vec<Vec3>> = arc.iter().map(|&end| self::arc(middle, end)).collect();
+            for pair in rays.windows(2) {
+                builder.strip([vertex; 2], [pair[0].clone(), pair[1].clone()]);
+            }
+        }
+    }
+}
+
+/// The direction in a triangle's plane that leads out over its side `along`; `inward` leads to its third corner.
+fn outward(along: Vec3, normal: Vec3, inward: Vec3) -> Option<Vec3> {
+    let across = unit(cross(along, normal))?;
+    Some(if dot(across, inward) > 0.0 {
+        scale(across, -1.0)
+    } else {
+        across
+    })
+}
+
+/// Which triangles have no line: those that alpha clip leaves out, in part or whole.
+fn clipped(data: &Data, instance: &Instance, mesh: &Mesh, triangle: usize) -> bool {
+    let slot = mesh.triangle_slots.get(triangle).copied().unwrap_or(0);
+    let cutout = &data.cutouts[instance.material(slot) as usize];
+    !cutout.is_uniform() || !cutout.is_opaque([0.0; 2])
+}
+
+/// The inverted hulls of `instances`, seen from `view` (19,) f64: one (V, 3) f32 array of triangle corners an
+/// instance, three rows a triangle, relative to the eye; only triangles that face away, by the surface's own
+/// orientation. `pixel` is a pixel's side in window units, `width` in metres or, with `in_pixels`, in pixels; between
+/// `least` and `most` pixels. `scales` (instances,) f64 multiply it, and so does `thickness` of a mesh's vertices, where
+/// it is given: (mesh, (V,) f32). Triangles with an alpha clip have no hull. Raises ValueError on bad input, Cancelled
+/// when `cancel` is set.
+#[pyfunction]
+#[pyo3(signature = (geometry, instances, view, pixel, width, in_pixels, least, most, scales, thickness=Vec::new(), cancel=None))]
+pub fn toon_hull<'py>(
+    py: Python<'py>,
+    geometry: PyRef<'py, Geometry>,
+    instances: Vec<usize>,
+    view: PyReadonlyArray1<'py, f64>,
+    pixel: f64,
+    width: f64,
+    in_pixels: bool,
+    least: f64,
+    most: f64,
+    scales: Vec<f64>,
+    thickness: Vec<(usize, PyReadonlyArray1<'py, f32>)>,
+    cancel: Option<PyRef<'py, CancelFlag>>,
+) -> PyResult<Vec<Bound<'py, PyArray2<f32>>>> {
+    let data = geometry.data();
+    drop(geometry);
+    let eye = Eye {
+        view: View::from_packed(view.as_slice()?)?,
+        pixel,
+    };
+    if scales.len() != instances.len() || instances.iter().any(|&i| i >= data.instances.len()) {
+        return Err(PyValueError::new_err(
+            "instances that are not there, or not one scale for each",
+        ));
+    }
+    if !(least >= 0.0 && most >= least && pixel > 0.0) {
+        return Err(PyValueError::new_err(
+            "a line's least width is 0 or more, and not above its most",
+        ));
+    }
+    let thickness: HashMap<usize, Vec<f32>> = thickness
+        .into_iter()
+        .map(|(mesh, values)| Ok((mesh, values.as_slice()?.to_vec())))
+        .collect::<PyResult<_>>()?;
+    for (mesh, values) in &thickness {
+        if data
+            .meshes
+            .get(*mesh)
+            .is_none_or(|m| m.positions.len() != values.len())
+        {
+            return Err(PyValueError::new_err("thickness has one value a vertex"));
+        }
+    }
+    let cancel = flag(cancel);
+    let hulls = py.detach(|| {
+        let mut meshes: Vec<usize> = instances.iter().map(|&i| data.instances[i].mesh).collect();
+        meshes.sort_unstable();
+        meshes.dedup();
+        let topologies: HashMap<usize, Topology> = meshes
+            .into_par_iter()
+            .map(|mesh| {
+                cancel.check()?;
+                Ok((mesh, Topology::of(&data.meshes[mesh])))
+            })
+            .collect::<PyResult<_>>()?;
+        instances
+            .par_iter()
+            .zip(&scales)
+            .map(|(&index, scale)| {
+                cancel.check()?;
+                let instance = &data.instances[index];
+                let mesh = &data.meshes[instance.mesh];
+                let own = Width {
+                    width: width * scale,
+                    in_pixels,
+                    least,
+                    most,
+                };
+                let skipped = |triangle: usize| clipped(&data, instance, mesh, triangle);
+                let values = thickness.get(&instance.mesh).map(Vec::as_slice);
+                Ok(hull(
+                    mesh,
+                    &topologies[&instance.mesh],
+                    instance,
+                    &skipped,
+                    values,
+                    &own,
+                    &eye,
+                ))
+            })
+            .collect::<PyResult<Vec<_>>>()
+    })?;
+    hulls
+        .into_iter()
+        .map(|triangles| {
+            let rows = 3 * triangles.len();
+            let flat: Vec<f32> = triangles.into_flattened().into_flattened();
+            let array: Bound<'py, PyArray1<f32>> = flat.into_pyarray(py);
+            array.reshape([rows, 3])
+        })
+        .collect()
+}
