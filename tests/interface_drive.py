@@ -11,6 +11,7 @@ import traceback
 from pathlib import Path
 
 import bpy
+from bpy_extras.view3d_utils import location_3d_to_region_2d
 
 sys.path.insert(0, str(Path(__file__).parent))
 import interface_person as person
@@ -18,6 +19,8 @@ import interface_person as person
 OUT, PHOTOGRAPHS, RESULT = sys.argv[sys.argv.index("--") + 1 :]
 MODULE = "bl_ext.user_default.strata"
 SMALL = (96, 54)
+LIGHT = "Sky panel"
+LAYER = f"Soft Shadow {LIGHT}"
 
 
 def state():
@@ -61,6 +64,85 @@ def wait(until, seconds: float = 60.0):
         yield 0.01
 
 
+def converged(region):
+    """Until the preview's picture is the bake's."""
+
+    def is_converged():
+        shown = sys.modules[f"{MODULE}.addon.preview"].state_of(region)
+        return shown is not None and shown.is_converged
+
+    yield 1.0  # what was there before the change may be
+    yield from wait(is_converged, 120.0)
+    yield 0.5
+
+
+def frame_on_screen(region, region_3d) -> tuple[float, float, float, float]:
+    """The camera's frame in pixels of the photograph: left, top, right, bottom."""
+    scene = bpy.context.scene
+    matrix = scene.camera.matrix_world
+    corners = [matrix @ corner for corner in scene.camera.data.view_frame(scene=scene)]
+    places = [location_3d_to_region_2d(region, region_3d, corner) for corner in corners]
+    window = bpy.context.window_manager.windows[0]
+    left, right = (window.x + region.x + choose(x for x, _ in places) for choose in (min, max))
+    bottom, top = (window.height - region.y - choose(y for _, y in places) for choose in (min, max))
+    return left, top, right, bottom
+
+
+def watch_a_light(found: dict, photographs: Path, buttons: dict, area):
+    """The preview by its switch, through the camera, while a light is moved by G and the mouse."""
+    scene, region, space = bpy.context.scene, person.region_of(area, "WINDOW"), area.spaces.active
+    middle = person.middle(region)
+    yield from person.press("KP_0", *middle)
+    yield 1.0
+    space.overlay.show_overlays = space.show_gizmo = False
+    scene.strata.samples, scene.strata.soft_shadow.resolution = 2, 256
+    scene.strata.preview.layer, scene.strata.preview.show_statistics = LAYER, False
+    yield from person.click(*buttons["strata.preview"])
+    yield from converged(region)
+    found["frame"] = frame_on_screen(region, space.region_3d)
+    yield from person.photograph(photographs, "2 preview")
+    bake_beside(photographs / "before.exr")
+    yield 0.5
+
+    light = scene.objects[LIGHT]
+    for thing in scene.objects:
+        thing.select_set(thing == light)
+    bpy.context.view_layer.objects.active = light
+    bpy.ops.ed.undo_push(message="a light is selected")
+    yield 0.5
+    before = light.location.copy()
+    yield from person.press("g", *middle)
+    for step in range(1, 7):
+        person.point_at(middle[0] - 15 * step, middle[1] + 4 * step)
+        yield 0.2
+    person.xdotool("click", 1)
+    yield from converged(region)
+    found["light moved"] = (light.location - before).length
+    yield from person.photograph(photographs, "3 light moved")
+    bake_beside(photographs / "after.exr")
+    yield 0.5
+    yield from person.click(*buttons["strata.preview"])
+    yield 1.0
+    found["preview is off"] = not sys.modules[f"{MODULE}.addon.preview"].is_on()
+    yield from person.press("ctrl+z", *middle)
+    yield 1.0
+    found["light undone"] = (bpy.context.scene.objects[LIGHT].location - before).length
+    space.overlay.show_overlays = space.show_gizmo = True
+    scene = bpy.context.scene
+    scene.strata.samples, scene.strata.soft_shadow.resolution = 4096, 1024
+    yield from person.press("KP_0", *middle)
+    yield 1.0
+
+
+def bake_beside(path: Path):
+    """The same layers in a file, to compare a photograph with."""
+    scene = bpy.context.scene
+    probes, save_to = scene.strata.probes, scene.strata.save_to
+    scene.strata.probes, scene.strata.save_to = 0, "FILE"
+    bpy.ops.strata.bake(filepath=str(path))
+    scene.strata.probes, scene.strata.save_to = probes, save_to
+
+
 def person_at_work(found: dict):
     """What is done; each value is how many seconds to let Blender work."""
     photographs = Path(PHOTOGRAPHS)
@@ -84,11 +166,14 @@ def person_at_work(found: dict):
     scene = bpy.context.scene
     found["layers undone"] = scene.strata.soft_shadow.layers
 
+    yield from watch_a_light(found, photographs, buttons, area)
+
     # A bake by the button, cancelled.
+    scene = bpy.context.scene
     yield from person.click(*buttons["strata.bake"])
     yield from wait(lambda: state().share > 0.002)
     found["drawn while baking"] = state().doing
-    yield from person.photograph(photographs, "2 baking")
+    yield from person.photograph(photographs, "4 baking")
     person.xdotool("key", "Escape")
     pressed = time.monotonic()
     yield from wait(lambda: not state().is_baking)
@@ -109,7 +194,7 @@ def person_at_work(found: dict):
     for _ in range(30):  # down to the results
         yield from person.move(*person.middle(sidebar))
         person.xdotool("click", 5)
-    yield from person.photograph(photographs, "3 baked")
+    yield from person.photograph(photographs, "5 baked")
     yield from person.press("ctrl+z", *person.middle(person.region_of(area, "WINDOW")))
     yield 1.0
     found["images after undo"] = float_images()
@@ -125,7 +210,7 @@ def person_at_work(found: dict):
     yield from wait(lambda: not bpy.app.is_job_running("RENDER"))
     yield 1.0
     found["rendered"] = [layer["name"] for layer in state().reports[scene_id]["layers"]]
-    yield from person.photograph(photographs, "4 rendered")
+    yield from person.photograph(photographs, "6 rendered")
 
     # Saved, opened again.
     scene.strata.samples = 7
@@ -143,7 +228,7 @@ def person_at_work(found: dict):
     bpy.ops.preferences.addon_disable(module=MODULE)
     yield 1.0
     found["is gone"] = not hasattr(bpy.types.Scene, "strata")
-    yield from person.photograph(photographs, "5 disabled")
+    yield from person.photograph(photographs, "7 disabled")
 
 
 FOUND = {}

@@ -6,16 +6,22 @@ import json
 import os
 import shutil
 import subprocess
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from exr_layers import read_layers
+from PIL import Image
 
 TESTS = Path(__file__).resolve().parent
 PHOTOGRAPHS = TESTS.parent / "out" / "interface"
 # 0.2 s is the promise, which test_job.py times without a window; here the window is drawn in software, and
 # the driver looks again only after each drawing.
 SECONDS_TO_CANCEL = 3.0
+# Mean difference of parts, out of 1: the preview has many more pixels than the small bake, which sample edges
+# elsewhere, and the window has 8 bits.
+MOST_APART = 0.03
 
 
 @pytest.fixture
@@ -59,6 +65,24 @@ def used_by_a_person(backend: str, archive: Path, display: str, folder: Path) ->
     return found
 
 
+def shown_and_baked(photograph: Path, file: Path, frame) -> tuple[np.ndarray, np.ndarray]:
+    """(4, 7) means of a shadow over parts of the image: as on the screen, and as baked. Left out is the lower
+    right, where the sidebar may cover the frame."""
+    grey = np.asarray(Image.open(photograph).convert("L"), np.float64) / 255.0
+    left, top, right, bottom = (round(edge) for edge in frame)
+    layer = next(layer for layer in read_layers(file).layers if layer.name == "Soft Shadow Sky panel")
+    return parts(grey[top:bottom, left:right]), parts(layer.pixels[::-1])
+
+
+def parts(image: np.ndarray) -> np.ndarray:
+    """Means over 8 x 12 parts of an image, and of them the left 7 columns."""
+    rows, columns = (
+        np.linspace(0, side, count + 1).astype(int) for side, count in zip(image.shape, (8, 12), strict=True)
+    )
+    means = [[image[y0:y1, x0:x1].mean() for x0, x1 in pairwise(columns)] for y0, y1 in pairwise(rows)]
+    return np.array(means)[:, :7]
+
+
 def check_a_session(backend, archive, display, tmp_path):
     found = used_by_a_person(backend, archive, display, tmp_path)
     layers = [layer.name for layer in read_layers(tmp_path / "out.exr").layers]
@@ -67,6 +91,16 @@ def check_a_session(backend, archive, display, tmp_path):
     before, dragged = found["layers dragged"]
     assert dragged > before
     assert found["layers undone"] == before
+    photographs = PHOTOGRAPHS / backend
+    still = shown_and_baked(photographs / "2 preview.png", photographs / "before.exr", found["frame"])
+    moved = shown_and_baked(photographs / "3 light moved.png", photographs / "after.exr", found["frame"])
+    for shown, baked in (still, moved):
+        assert np.abs(shown - baked).mean() < MOST_APART
+    # The light has moved, and its shadow with it: the comparison can fail.
+    assert found["light moved"] > 0.1
+    assert np.abs(moved[0] - still[1]).mean() > 2.0 * np.abs(moved[0] - moved[1]).mean()
+    assert found["preview is off"]
+    assert found["light undone"] < 1e-5
     assert "%" in found["drawn while baking"]
     assert found["seconds to cancel"] < SECONDS_TO_CANCEL
     assert found["images after cancel"] == []
@@ -78,7 +112,7 @@ def check_a_session(backend, archive, display, tmp_path):
     assert found["is saved"]
     assert found["samples after opening"] == 7
     assert found["is gone"]
-    assert len(list((PHOTOGRAPHS / backend).glob("*.png"))) == 5
+    assert len(list((PHOTOGRAPHS / backend).glob("*.png"))) == 7
 
 
 if "BLENDER" in os.environ:
