@@ -21,6 +21,9 @@ from .estimate import resolution_error, sampling_error
 from .session import Session
 
 STILL_SECONDS = 0.2
+# Where redraws come slowly, a movement has ended when the next is so many times overdue, at the latest then;
+# a step of the refinement begun between two frames would slow the movement down further.
+BREAK, LONGEST_BREAK_SECONDS = 1.5, 0.8
 TILE_PIXELS = 1 << 16  # so that a node does not take much longer than a frame
 _epochs = count(1)
 
@@ -71,6 +74,7 @@ class Viewport:
         self.picture: Picture | None = None
         self._asked: tuple | None = None
         self._changed_at = 0.0
+        self._pause = STILL_SECONDS
         self._work: Iterator[None] | None = None
         self._costs: list[tuple[float, float]] = []
         self._layers: tuple[str, ...] = ()
@@ -84,8 +88,10 @@ class Viewport:
         if asked == self._asked:
             return False
         self._asked = asked
-        self._changed_at = time.monotonic()
+        before = self._changed_at
         self._frame(session, placement, options, layer, budget_ms)
+        self._changed_at = time.monotonic()
+        self._pause = min(max(STILL_SECONDS, BREAK * (self._changed_at - before)), LONGEST_BREAK_SECONDS)
         self._work = self._still(session, placement, options, layer)
         return True
 
@@ -96,7 +102,7 @@ class Viewport:
 
     def wait(self) -> float:
         """Seconds until it is still."""
-        return max(0.0, self._changed_at + STILL_SECONDS - time.monotonic())
+        return max(0.0, self._changed_at + self._pause - time.monotonic())
 
     def advance(self, seconds: float, session_version: int, budget_ms: float) -> bool:
         """Refines for about so long, by one step at least; whether there is a new picture. Raises what
