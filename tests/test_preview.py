@@ -39,7 +39,9 @@ class Watched:
         self.scene = choose().scene
         bpy.context.window.scene = self.scene
         self.view_layer = bpy.context.view_layer
-        self.options = Options(backend=backend, probes=0, composite=True, **{"samples": 1, **options})
+        self.options = Options(
+            ("soft_shadow",), backend, probes=0, composite=True, **{"samples": 1, **options}
+        )
         self.session, self.viewport, self.layer = Session(backend), Viewport(), ""
         self.depsgraph.update()
 
@@ -153,6 +155,7 @@ def test_a_moved_camera_runs_no_map(still):
 
 def test_a_slider_runs_only_what_reads_it(still):
     still.options = Options(
+        effects=("soft_shadow",),
         backend=still.options.backend,
         probes=0,
         samples=1,

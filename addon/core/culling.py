@@ -56,7 +56,8 @@ def frustum_corners(view: View, far: float) -> np.ndarray:
 def in_frustum(view: View, boxes: np.ndarray, guard: float = 0.05) -> np.ndarray:
     """(N,) bool: False only where a box lies wholly outside one plane."""
     normals, offsets = frustum_planes(view, guard)
-    reach = np.einsum("pc,nkc->npk", normals, corners_of(boxes)).max(axis=2)
+    centres, extents = boxes.mean(axis=1), 0.5 * (boxes[:, 1] - boxes[:, 0])
+    reach = centres @ normals.T + extents @ np.abs(normals).T
     return (reach >= offsets - 1e-9 * np.abs(offsets)).all(axis=1)
 
 
@@ -66,7 +67,7 @@ def receivers_in_view(outline: Outline, boxes: np.ndarray) -> tuple[np.ndarray, 
     if not len(boxes):
         return np.zeros(0, bool), np.zeros((0, 2, 3))
     view = outline.view
-    seen = outline.instances.shown & in_frustum(view, boxes)
+    seen = outline.instances.memo(("seen", view), lambda: outline.instances.shown & in_frustum(view, boxes))
     if not seen.any():
         return seen, np.zeros((0, 2, 3))
     if outline.seen is not None:
