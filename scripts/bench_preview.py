@@ -139,7 +139,7 @@ def real_gpu_text() -> str:
     open_blend(SCENE)
     choose()
     found = scan(bpy.context.evaluated_depsgraph_get(), ScanOptions(size=SIZE))
-    options = Options(composite=True, samples=1, probes=0)
+    options = Options(("soft_shadow",), composite=True, samples=1, probes=0)
     graph = plan_scene(found.outline, options)
     nodes = graph.nodes()
     works = list(work_of(found.outline, graph, nodes))

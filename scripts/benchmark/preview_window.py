@@ -113,7 +113,7 @@ def person(found):
         }
         found["lights"][name]["still"] = yield from settled(preview, region)
         yield 2.0
-    settings = bpy.context.scene.strata.soft_shadow
+    settings = bpy.context.scene.strata.soft_shadow  # the effect that the table is about
     sliders = []
     for value in (2, 1):
         before = preview.state_of(region)
