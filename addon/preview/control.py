@@ -154,8 +154,20 @@ def _picture(context, region, space, region_3d, viewport: Viewport):
         _state.sessions[key] = Session(options.backend)
     session = _state.shown[region.as_pointer()] = _state.sessions[key]
     session.read(depsgraph, space, placement, options.seed)
-    viewport.show(session, placement, options, settings.layer, settings.frame_budget_ms)
+    is_new = viewport.show(session, placement, options, settings.layer, settings.frame_budget_ms)
+    if not is_new and _works_in_draw(session) and viewport.has_work and viewport.wait() == 0.0:
+        _advance(scene, region.as_pointer())
     return viewport.picture
+
+
+def _works_in_draw(session: Session) -> bool:
+    return session.devices.primary.name == "gpu"
+
+
+def _advance(scene: bpy.types.Scene, pointer: int) -> bool:
+    """Refines one region for a slice of the budget; whether it has a new picture."""
+    budget_ms = scene.strata.preview.frame_budget_ms
+    return _state.viewports[pointer].advance(1e-3 * budget_ms, _state.shown[pointer].version, budget_ms)
 
 
 def _own(space: bpy.types.SpaceView3D) -> int:
@@ -304,8 +316,9 @@ def _tick() -> float | None:
                 continue
             still = viewport.wait()
             if still == 0.0:
-                budget_ms = scene.strata.preview.frame_budget_ms
-                if viewport.advance(1e-3 * budget_ms, _state.shown[pointer].version, budget_ms):
+                # Timers have a GPU context by luck only (none after a window was closed), so a GPU works on
+                # while Blender draws.
+                if _works_in_draw(_state.shown[pointer]) or _advance(scene, pointer):
                     region.tag_redraw()
                 still = 0.0 if viewport.has_work else IDLE_SECONDS
             wait = min(wait, still)
