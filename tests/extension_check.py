@@ -39,10 +39,10 @@ def registered() -> dict[str, list[str]]:
         "paths": sorted(path for path in sys.path if "strata" in path),
         "light properties": sorted(bpy.types.Light.bl_rna.properties.keys()),
         "preset paths": sorted(path for path in bpy.utils._preset_path_registry if "strata" in path),
-        "panels of the engine": sorted(
+        "panels of others that the engine shows": sorted(  # its own are among the classes
             panel.__name__
             for panel in bpy.types.Panel.__subclasses__()
-            if "STRATA" in getattr(panel, "COMPAT_ENGINES", ())
+            if "STRATA" in getattr(panel, "COMPAT_ENGINES", ()) and not panel.__name__.startswith("STRATA_")
         ),
         "picture collections": [str(size) for size in (len(previews._uuid_open),) if size],
         "threads": sorted(t.name for t in threading.enumerate() if t.name.startswith("strata")),
