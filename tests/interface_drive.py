@@ -139,7 +139,10 @@ def bake_beside(path: Path):
     scene = bpy.context.scene
     probes, save_to = scene.strata.probes, scene.strata.save_to
     scene.strata.probes, scene.strata.save_to = 0, "FILE"
+    # About as many pixels as the window shows: both then see the same edges.
+    scene.render.resolution_x, scene.render.resolution_y = 576, 324
     bpy.ops.strata.bake(filepath=str(path))
+    scene.render.resolution_x, scene.render.resolution_y = SMALL
     scene.strata.probes, scene.strata.save_to = probes, save_to
 
 
@@ -155,16 +158,17 @@ def person_at_work(found: dict):
     found["tab"] = sidebar.active_panel_category
     yield from person.photograph(photographs, "1 panel")
     buttons = yield from person.survey(area, sidebar, 0.6)
+    buttons = (yield from person.survey(area, sidebar, 0.3)) | buttons  # the preview's switch is on the left
     found["buttons"] = sorted(buttons)
 
     # A value, by dragging it.
-    before = scene.strata.soft_shadow.layers
-    yield from person.drag(*buttons["strata.soft_shadow.layers"], by_x=60)
-    found["layers dragged"] = [before, scene.strata.soft_shadow.layers]
+    before = scene.strata.probes
+    yield from person.drag(*buttons["strata.probes"], by_x=60)
+    found["probes dragged"] = [before, scene.strata.probes]
     yield from person.press("ctrl+z", *person.middle(person.region_of(area, "WINDOW")))
     yield 0.5
     scene = bpy.context.scene
-    found["layers undone"] = scene.strata.soft_shadow.layers
+    found["probes undone"] = scene.strata.probes
 
     yield from watch_a_light(found, photographs, buttons, area)
 

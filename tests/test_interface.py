@@ -19,7 +19,7 @@ PHOTOGRAPHS = TESTS.parent / "out" / "interface"
 # 0.2 s is the promise, which test_job.py times without a window; here the window is drawn in software, and
 # the driver looks again only after each drawing.
 SECONDS_TO_CANCEL = 3.0
-# Mean difference of parts, out of 1: the preview has many more pixels than the small bake, which sample edges
+# Mean difference of parts, out of 1: pixels of preview and bake differ a little in size and sample edges
 # elsewhere, and the window has 8 bits.
 MOST_APART = 0.03
 
@@ -88,9 +88,9 @@ def check_a_session(backend, archive, display, tmp_path):
     layers = [layer.name for layer in read_layers(tmp_path / "out.exr").layers]
     assert found["tab"] == "Strata"
     assert {"strata.bake", "strata.plan", "strata.samples"} <= set(found["buttons"])
-    before, dragged = found["layers dragged"]
+    before, dragged = found["probes dragged"]
     assert dragged > before
-    assert found["layers undone"] == before
+    assert found["probes undone"] == before
     photographs = PHOTOGRAPHS / backend
     still = shown_and_baked(photographs / "2 preview.png", photographs / "before.exr", found["frame"])
     moved = shown_and_baked(photographs / "3 light moved.png", photographs / "after.exr", found["frame"])
