@@ -272,6 +272,16 @@ def test_the_twins_agree_for_every_kind_of_light(name):
     assert np.abs(fast - plain).max() < 1e-5
 
 
+@pytest.mark.parametrize("kind", [EmitterKind.DISTANT_DISK, EmitterKind.RECTANGLE])
+def test_points_on_parallel_planes_do_not_share_a_tangent_plane(kind):
+    # The top of a plate comes first, as where its edge crosses an image; what lies under it is in full shadow.
+    top = np.array([[x, 0.0, 1.0] for x in np.linspace(-0.3, 0.3, 6)])
+    under = top * (1.0, 1.0, 0.0)
+    stage, emitter = Stage([GROUND, plate(-0.5, 0.5, -0.5, 0.5, 1.0)]), lamp(kind, half=(0.05, 0.05))
+    found, _ = stage.visibility(emitter, np.concatenate([top, under]), UP)
+    np.testing.assert_array_equal(found, np.repeat([1.0, 0.0], 6))
+
+
 @pytest.mark.parametrize(
     "light",
     [

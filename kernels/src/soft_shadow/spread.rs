@@ -21,10 +21,15 @@ pub struct Spread {
 }
 
 impl Spread {
-    pub fn of(points: &[Open]) -> Spread {
+    pub fn of(points: &[Open], orthographic: bool) -> Spread {
         let first = &points[0].seen;
-        let tangent = |seen: &Seen| dot(seen.geometric_normal, seen.base);
-        let (offset, size) = (tangent(first), dot(first.base, first.base).sqrt());
+        // An orthographic view's `base` is the same for all points.
+        let place = |seen: &Seen| match orthographic {
+            true => [seen.window_x as f32, seen.window_y as f32, -seen.rise],
+            false => seen.base,
+        };
+        let tangent = |seen: &Seen| dot(seen.geometric_normal, place(seen));
+        let (offset, size) = (tangent(first), dot(place(first), place(first)).sqrt());
         let mut spread = Spread {
             x: [first.window_x; 2],
             y: [first.window_y; 2],

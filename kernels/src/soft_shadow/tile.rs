@@ -97,7 +97,7 @@ impl Candidates {
     fn gather(&mut self, served: &Served, refinements: usize, points: &[Open]) -> bool {
         self.clear();
         let map = served.map;
-        let spread = Spread::of(points);
+        let spread = Spread::of(points, map.view.orthographic);
         let Some(highest) = highest_above(map, &spread, refinements) else {
             return true;
         };
