@@ -36,6 +36,11 @@ impl CancelFlag {
 }
 
 impl CancelFlag {
+    /// The caller's flag, or one that nobody sets.
+    pub fn of(given: Option<PyRef<'_, CancelFlag>>) -> Self {
+        given.map_or_else(Self::default, |flag| flag.clone())
+    }
+
     /// The error a kernel returns when it finds the flag raised.
     pub fn check(&self) -> PyResult<()> {
         if self.is_set() {

@@ -66,7 +66,7 @@ fn irradiance<'py>(
     let size = [shape[0], shape[1]];
     let positions = position.as_slice()?.as_chunks::<3>().0;
     let normals = shading_normal.as_slice()?.as_chunks::<3>().0;
-    let cancel = cancel.map(|flag| flag.clone()).unwrap_or_default();
+    let cancel = CancelFlag::of(cancel);
     let mut result = vec![0.0; positions.len()];
     py.detach(|| {
         result

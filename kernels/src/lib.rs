@@ -12,6 +12,7 @@ pub mod rays;
 pub mod soft_shadow;
 pub mod toon;
 pub mod triangulate;
+pub mod vector;
 pub mod view;
 pub mod volumetric_light;
 

@@ -4,6 +4,7 @@
 
 use super::{Emitter, EmitterKind};
 use crate::rays::lanes::{LANES, Lanes};
+use crate::vector::{dot, length};
 use std::f32::consts::FRAC_PI_4;
 
 /// Where samples fall.
@@ -65,14 +66,6 @@ fn min(a: f32, b: f32) -> f32 {
 #[inline(always)]
 fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
-}
-
-fn length(a: [f64; 3]) -> f64 {
-    (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt()
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Two unit vectors that are perpendicular to a unit vector and to each other (Duff et al. 2017).

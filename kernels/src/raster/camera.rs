@@ -1,10 +1,9 @@
 //! Where a view's pixels are, and how an instance gets into the view.
 
+use crate::vector::{Vec3, add, cross, dot, scale, sub};
 use crate::view::View;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-
-pub type Vec3 = [f64; 3];
 
 /// Fractional bits of a snapped vertex: positions on the image are whole 1/256 pixels, so that edge
 /// functions are exact integers and a shared edge can neither leak nor cover a pixel twice.
@@ -23,33 +22,6 @@ pub const MARGIN_PIXELS: i32 = (GUARD_PIXELS + MAX_JITTER) as i32 + 1;
 /// With the margin on both sides, coordinates span 65666 * 256 < 2^24.01 subpixels, which keeps the edge
 /// functions in a tile of 64 pixels, 63 (|dx| + |dy|) at most, below 2^31.
 pub const MAX_SIDE: usize = 32768;
-
-#[inline(always)]
-pub fn dot(a: Vec3, b: Vec3) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
-pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-#[inline(always)]
-pub fn sub(a: Vec3, b: Vec3) -> Vec3 {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-pub fn add(a: Vec3, b: Vec3) -> Vec3 {
-    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
-}
-
-pub fn scale(a: Vec3, s: f64) -> Vec3 {
-    [a[0] * s, a[1] * s, a[2] * s]
-}
 
 /// Cross product of an object-space triangle's sides: twice its area along its normal.
 #[inline(always)]

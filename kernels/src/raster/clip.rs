@@ -1,6 +1,7 @@
 //! Clipping in view space, before the division.
 
-use super::camera::{Camera, Vec3};
+use super::camera::Camera;
+use crate::vector::Vec3;
 
 /// Three corners and one more for each of the six planes.
 pub const MAX_CORNERS: usize = 9;

@@ -1,9 +1,10 @@
 //! Where in a triangle a pixel's ray lands, in double precision, and what is there.
 
-use super::camera::{Camera, Ray, Transform, Vec3, add, cross, dot, scale, sub, winding_normal};
+use super::camera::{Camera, Ray, Transform, winding_normal};
 use super::simd::Lanes;
 use super::tile::BLOCK_WIDTH;
 use crate::geometry::{Data, Instance, Mesh};
+use crate::vector::{Vec3, add, cross, dot, scale, sub};
 
 /// Finds triangles by their ids, for one eye.
 pub struct Finder<'a> {

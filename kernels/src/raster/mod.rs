@@ -48,10 +48,6 @@ fn drawn(mask: &Bound<'_, PyAny>, data: &Data) -> PyResult<Vec<bool>> {
     Ok(drawn)
 }
 
-fn flag(cancel: Option<PyRef<'_, CancelFlag>>) -> CancelFlag {
-    cancel.map_or_else(CancelFlag::new, |flag| flag.clone())
-}
-
 /// The surface that `view` sees, in rows `rows[0]..rows[1]` of a `width` x `height` image; row 0 is the bottom row.
 ///
 /// `visible` (instance_count,) bool or uint8; `view` (19,) f64, as `View.packed()`; `jitter` moves the
@@ -109,7 +105,7 @@ fn raster_surface<'py>(
             }
         }
     }
-    let cancel = flag(cancel);
+    let cancel = CancelFlag::of(cancel);
     drop(geometry);
     py.detach(|| {
         let ids = first_ids(&data)?;
@@ -165,7 +161,7 @@ fn layered_depth<'py>(
     let data = geometry.data();
     let drawn = drawn(casters, &data)?;
     let camera = Camera::new(&View::from_packed(view.as_slice()?)?, width, height, [0.0; 2])?;
-    let cancel = flag(cancel);
+    let cancel = CancelFlag::of(cancel);
     drop(geometry);
     let image = py.detach(|| {
         let ids = first_ids(&data)?;

@@ -1,8 +1,9 @@
 //! Triangle setup: an object-space triangle becomes a convex outline on the image and an affine depth.
 
 use super::bins::{Grid, Pixels};
-use super::camera::{Camera, MARGIN_PIXELS, SUBPIXELS, Vec3, dot, sub};
+use super::camera::{Camera, MARGIN_PIXELS, SUBPIXELS};
 use super::clip::{MAX_CORNERS, clip};
+use crate::vector::{Vec3, dot, sub};
 
 /// Sines of corner angles below this are taken for zero area. Triangles with float32 corners are either
 /// exactly flat or well above; products of double rounding (a singular matrix) are well below.

@@ -1,12 +1,13 @@
 //! The surface that a view sees: a visibility buffer first, then only the attributes asked for.
 
 use super::bins::{Bins, TILE};
-use super::camera::{Camera, dot};
+use super::camera::Camera;
 use super::hit::{Finder, Hit};
 
 use super::simd::{LANES, Lanes, Vector, Work, run_widest};
 use super::tile::{BLOCK_WIDTH, BLOCKS, Sink, draw_tile, quarter};
 use crate::cancel::CancelFlag;
+use crate::vector::dot;
 use pyo3::prelude::*;
 use rayon::prelude::*;
 

@@ -6,6 +6,7 @@
 //! L (n . D) base_z / |D|^4 dX dY over the light.
 
 use crate::emitter::{Emitter, EmitterKind};
+use crate::vector::dot as dot64;
 use crate::view::View;
 
 pub const SAMPLES: usize = 256;
@@ -70,10 +71,6 @@ pub struct Seen {
     pub cos2_rim: f32,
     /// The point is so close that `bounds` had to be cut.
     pub too_close: bool,
-}
-
-fn dot64(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 pub fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {

@@ -64,7 +64,7 @@ fn soft_shadow_prepare(
         ));
     }
     let depths = depths.as_slice()?;
-    let cancel = cancel.map(|flag| flag.clone()).unwrap_or_default();
+    let cancel = CancelFlag::of(cancel);
     let bias = Bias {
         gradient_scale,
         gradient_cap: gradient_cap_m,
@@ -154,7 +154,7 @@ fn soft_shadow_backproject<'py>(
     let table = |cells: &'_ PyReadonlyArray2<'py, u8>| Ok((cells.shape()[1], cells.as_slice()?.to_vec()));
     let beside: Vec<(usize, Vec<u8>)> = beside.iter().map(table).collect::<PyResult<_>>()?;
     let maps: Vec<Arc<PreparedMap>> = maps.iter().map(|handle| handle.map.clone()).collect();
-    let cancel = cancel.map(|flag| flag.clone()).unwrap_or_default();
+    let cancel = CancelFlag::of(cancel);
     let (visibility, uncertain) = py.detach(|| {
         let maps: Vec<&PreparedMap> = maps.iter().map(|map| &**map).collect();
         let beside = beside.iter().map(|(columns, cells)| Beside {

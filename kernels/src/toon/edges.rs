@@ -1,6 +1,6 @@
 //! Lines within the silhouette: where object, material or normal changes from pixel to pixel.
 
-use super::{dot, fill, flag, pixels};
+use super::{dot, fill, pixels};
 use crate::cancel::CancelFlag;
 use numpy::{
     IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
@@ -69,7 +69,7 @@ pub fn toon_edges<'py>(
             || materials.is_some_and(|m| m[a] != m[b])
             || normals.is_some_and(|n| marks[a] == marks[b] && dot(n[a], n[b]) < crease)
     };
-    let cancel = flag(cancel);
+    let cancel = CancelFlag::of(cancel);
     let mut result = vec![0u8; (y1 - y0) * size[1]];
     py.detach(|| {
         fill(&mut result, &cancel, |first, piece| {

@@ -1,6 +1,6 @@
 //! How much a surface faces the lights: what the ramp is looked up with.
 
-use super::{CHUNK, dot, fill, flag, pixels, smooth};
+use super::{CHUNK, dot, fill, pixels, smooth};
 use crate::cancel::CancelFlag;
 use numpy::{
     IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
@@ -116,7 +116,7 @@ pub fn toon_facing<'py>(
         }
         _ => None,
     };
-    let cancel = flag(cancel);
+    let cancel = CancelFlag::of(cancel);
     let mut result = vec![0.0f32; positions.len()];
     py.detach(|| {
         fill(&mut result, &cancel, |first, piece| {

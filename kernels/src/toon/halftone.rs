@@ -1,7 +1,7 @@
 //! Halftone: ink dots that grow with the shade.
 
 use super::dots::coverage;
-use super::{dot, fill, flag, pixels, smooth};
+use super::{dot, fill, pixels, smooth};
 use crate::cancel::CancelFlag;
 use numpy::{
     IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
@@ -160,7 +160,7 @@ pub fn toon_halftone<'py>(
     if pattern.anchor == Anchor::Surface && normals.is_none() {
         return Err(PyValueError::new_err("dots on surfaces need normals"));
     }
-    let cancel = flag(cancel);
+    let cancel = CancelFlag::of(cancel);
     let mut result = vec![1.0f32; lights.len()];
     py.detach(|| {
         fill(&mut result, &cancel, |first, piece| {

@@ -5,18 +5,15 @@
 //! no gaps), sharp convex edges and open borders get round strips, and corners the patches between these. So the
 //! ring around a silhouette is as wide at a box's edge as on a ball, from every side.
 
-use super::flag;
-use super::topology::Topology;
-use crate::cancel::CancelFlag;
-use crate::geometry::{Data, Geometry, Instance, Mesh};
-use crate::view::View;
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
-use pyo3::exceptions::PyValueError;
-use pyo3::prelude::*;
-use rayon::prelude::*;
-use std::collections::HashMap;
+mod python;
 
-type Vec3 = [f64; 3];
+pub use python::*;
+
+use super::topology::Topology;
+use crate::geometry::{Data, Instance, Mesh};
+use crate::vector::{Vec3, add, cross, dot, length, scale, sub};
+use crate::view::View;
+use std::collections::HashMap;
 
 /// Triangles that meet at less than this angle are one smooth surface: 30 degrees.
 const SMOOTH_COSINE: f64 = 0.866_025_403_784_438_6;
@@ -24,32 +21,8 @@ const SMOOTH_COSINE: f64 = 0.866_025_403_784_438_6;
 /// times the width.
 const STRIP_ANGLE: f64 = 0.349_065_850_398_865_9;
 
-fn dot(a: Vec3, b: Vec3) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-fn add(a: Vec3, b: Vec3) -> Vec3 {
-    std::array::from_fn(|k| a[k] + b[k])
-}
-
-fn sub(a: Vec3, b: Vec3) -> Vec3 {
-    std::array::from_fn(|k| a[k] - b[k])
-}
-
-fn scale(a: Vec3, s: f64) -> Vec3 {
-    a.map(|x| x * s)
-}
-
 fn unit(a: Vec3) -> Option<Vec3> {
-    let length = dot(a, a).sqrt();
+    let length = length(a);
     (length > 1e-150 && length.is_finite()).then(|| scale(a, 1.0 / length))
 }
 
@@ -408,105 +381,4 @@ fn clipped(data: &Data, instance: &Instance, mesh: &Mesh, triangle: usize) -> bo
     let slot = mesh.triangle_slots.get(triangle).copied().unwrap_or(0);
     let cutout = &data.cutouts[instance.material(slot) as usize];
     !cutout.is_uniform() || !cutout.is_opaque([0.0; 2])
-}
-
-/// The inverted hulls of `instances`, seen from `view` (19,) f64: one (V, 3) f32 array of triangle corners an
-/// instance, three rows a triangle, relative to the eye; only triangles that face away, by the surface's own
-/// orientation. `pixel` is a pixel's side in window units, `width` in metres or, with `in_pixels`, in pixels; between
-/// `least` and `most` pixels. `scales` (instances,) f64 multiply it, and so does `thickness` of a mesh's vertices, where
-/// it is given: (mesh, (V,) f32). Triangles with an alpha clip have no hull. Raises ValueError on bad input, Cancelled
-/// when `cancel` is set.
-#[pyfunction]
-#[pyo3(signature = (geometry, instances, view, pixel, width, in_pixels, least, most, scales, thickness=Vec::new(), cancel=None))]
-pub fn toon_hull<'py>(
-    py: Python<'py>,
-    geometry: PyRef<'py, Geometry>,
-    instances: Vec<usize>,
-    view: PyReadonlyArray1<'py, f64>,
-    pixel: f64,
-    width: f64,
-    in_pixels: bool,
-    least: f64,
-    most: f64,
-    scales: Vec<f64>,
-    thickness: Vec<(usize, PyReadonlyArray1<'py, f32>)>,
-    cancel: Option<PyRef<'py, CancelFlag>>,
-) -> PyResult<Vec<Bound<'py, PyArray2<f32>>>> {
-    let data = geometry.data();
-    drop(geometry);
-    let eye = Eye {
-        view: View::from_packed(view.as_slice()?)?,
-        pixel,
-    };
-    if scales.len() != instances.len() || instances.iter().any(|&i| i >= data.instances.len()) {
-        return Err(PyValueError::new_err(
-            "instances that are not there, or not one scale for each",
-        ));
-    }
-    if !(least >= 0.0 && most >= least && pixel > 0.0) {
-        return Err(PyValueError::new_err(
-            "a line's least width is 0 or more, and not above its most",
-        ));
-    }
-    let thickness: HashMap<usize, Vec<f32>> = thickness
-        .into_iter()
-        .map(|(mesh, values)| Ok((mesh, values.as_slice()?.to_vec())))
-        .collect::<PyResult<_>>()?;
-    for (mesh, values) in &thickness {
-        if data
-            .meshes
-            .get(*mesh)
-            .is_none_or(|m| m.positions.len() != values.len())
-        {
-            return Err(PyValueError::new_err("thickness has one value a vertex"));
-        }
-    }
-    let cancel = flag(cancel);
-    let hulls = py.detach(|| {
-        let mut meshes: Vec<usize> = instances.iter().map(|&i| data.instances[i].mesh).collect();
-        meshes.sort_unstable();
-        meshes.dedup();
-        let topologies: HashMap<usize, Topology> = meshes
-            .into_par_iter()
-            .map(|mesh| {
-                cancel.check()?;
-                Ok((mesh, Topology::of(&data.meshes[mesh])))
-            })
-            .collect::<PyResult<_>>()?;
-        instances
-            .par_iter()
-            .zip(&scales)
-            .map(|(&index, scale)| {
-                cancel.check()?;
-                let instance = &data.instances[index];
-                let mesh = &data.meshes[instance.mesh];
-                let own = Width {
-                    width: width * scale,
-                    in_pixels,
-                    least,
-                    most,
-                };
-                let skipped = |triangle: usize| clipped(&data, instance, mesh, triangle);
-                let values = thickness.get(&instance.mesh).map(Vec::as_slice);
-                Ok(hull(
-                    mesh,
-                    &topologies[&instance.mesh],
-                    instance,
-                    &skipped,
-                    values,
-                    &own,
-                    &eye,
-                ))
-            })
-            .collect::<PyResult<Vec<_>>>()
-    })?;
-    hulls
-        .into_iter()
-        .map(|triangles| {
-            let rows = 3 * triangles.len();
-            let flat: Vec<f32> = triangles.into_flattened().into_flattened();
-            let array: Bound<'py, PyArray1<f32>> = flat.into_pyarray(py);
-            array.reshape([rows, 3])
-        })
-        .collect()
 }

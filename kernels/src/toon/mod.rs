@@ -49,10 +49,6 @@ where
         })
 }
 
-fn flag(cancel: Option<PyRef<'_, CancelFlag>>) -> CancelFlag {
-    cancel.map_or_else(CancelFlag::new, |flag| flag.clone())
-}
-
 #[inline(always)]
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -1,6 +1,6 @@
 //! The outline's image: where the hull lies before every surface, and lines within.
 
-use super::{fill, flag, pixels};
+use super::{fill, pixels};
 use crate::cancel::CancelFlag;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -38,7 +38,7 @@ pub fn toon_outline<'py>(
         .map(|image| pixels(image, &size, "instance"))
         .transpose()?;
     let lines = lines.zip(instances);
-    let cancel = flag(cancel);
+    let cancel = CancelFlag::of(cancel);
     let mut result = vec![[0.0f32; 4]; depths.len()];
     py.detach(|| {
         fill(&mut result, &cancel, |first, piece| {

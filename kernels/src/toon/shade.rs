@@ -1,7 +1,7 @@
 //! The toon image: the ramp's colour over the material's.
 
 use super::ramp::{Ramp, ramps};
-use super::{dot, fill, flag, pixels};
+use super::{dot, fill, pixels};
 use crate::cancel::CancelFlag;
 use numpy::{
     IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
@@ -140,7 +140,7 @@ pub fn toon_shade<'py>(
         2 => Mix::Ramp,
         other => return Err(PyValueError::new_err(format!("no mix {other}"))),
     };
-    let cancel = flag(cancel);
+    let cancel = CancelFlag::of(cancel);
     let mut result = vec![[0.0f32; 4]; lights.len()];
     py.detach(|| {
         fill(&mut result, &cancel, |first, piece| {

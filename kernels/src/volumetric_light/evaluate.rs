@@ -5,11 +5,12 @@ use super::lanes::{Batch, OpenRow, Setup};
 use super::map::LightMap;
 use super::medium::Medium;
 use super::rays::{Lattice, Ray};
-use super::source::{Profile, Seen, Source, cross, dot, length};
+use super::source::{Profile, Seen, Source};
 use super::spans::{self, MediumMap};
 use super::table::Table;
 use crate::cancel::CancelFlag;
 use crate::rays::lanes::dispatch;
+use crate::vector::{cross, dot, length};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 

@@ -2,10 +2,13 @@
 //!
 //! Same formulas, same panels; the nodes in double precision are its oracle (tests/test_airlight.py).
 
+mod open;
+
+pub use open::OpenRow;
+
 use super::integral::{PANEL_DEPTH, PANEL_WIDTH, gauss_legendre};
 use super::medium::Medium;
-use super::rays::Lattice;
-use super::source::{CLOSEST_SHARE, Near, Profile, Seen, Source};
+use super::source::{Near, Profile, Seen, Source};
 use crate::rays::lanes::{LANES, Lanes, Simd, Work, dispatch};
 
 /// Widest panel in y where the source's intensity varies along it too.
@@ -415,115 +418,6 @@ impl Work for Integrate<'_> {
             for &c in &group.channels {
                 for (sum, travelled) in sums[c].iter_mut().zip(&self.batch.travelled) {
                     *sum *= self.setup.scattering[c] * exp(-group.extinction[c] * travelled);
-                }
-            }
-        }
-        sums
-    }
-}
-
-/// A row of a lattice whose rays all start at one eye, seen by a source that shines evenly and that nothing shadows.
-pub struct OpenRow<'a> {
-    pub setup: &'a Setup,
-    pub lattice: &'a Lattice,
-    pub source: &'a Source,
-    pub y: usize,
-    pub depths: &'a [f32],
-    pub image: &'a mut [[f32; 3]],
-}
-
-impl Work for OpenRow<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, simd: S) {
-        let lattice = self.lattice;
-        let single = |v: [f64; 3]| v.map(|x| x as f32);
-        let rows = lattice.first[1] + self.y as f64 * lattice.step[1];
-        let base = single(std::array::from_fn(|i| lattice.forward[i] + rows * lattice.up[i]));
-        let right = single(lattice.right);
-        let from_light = single(std::array::from_fn(|i| lattice.eye[i] - self.source.position[i]));
-        let away = from_light.iter().map(|x| x * x).sum::<f32>().sqrt();
-        let near = lattice.near as f32;
-        let distant = self.source.distant;
-        let axis = single(self.source.axis);
-        let mut batch = Batch::default();
-        for (block, (depths, pixels)) in self
-            .depths
-            .chunks(LANES)
-            .zip(self.image.chunks_mut(LANES))
-            .enumerate()
-        {
-            let mut ends = [0.0f32; LANES];
-            ends[..depths.len()].copy_from_slice(depths);
-            let first = (lattice.first[0] + (block * LANES) as f64 * lattice.step[0]) as f32;
-            let step = lattice.step[0] as f32;
-            let mut turn = [0.0f32; LANES];
-            for i in 0..LANES {
-                let a = first + i as f32 * step;
-                let d: [f32; 3] = [
-                    base[0] + a * right[0],
-                    base[1] + a * right[1],
-                    base[2] + a * right[2],
-                ];
-                let per_depth = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
-                let unit = 1.0 / per_depth;
-                let d = [d[0] * unit, d[1] * unit, d[2] * unit];
-                let v = if distant { axis } else { from_light };
-                let cross = [
-                    v[1] * d[2] - v[2] * d[1],
-                    v[2] * d[0] - v[0] * d[2],
-                    v[0] * d[1] - v[1] * d[0],
-                ];
-                let square = cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2];
-                let along = v[0] * d[0] + v[1] * d[1] + v[2] * d[2];
-                let start = near * per_depth;
-                let length = (ends[i].min(1e15) * per_depth - start).max(0.0);
-                batch.length[i] = length;
-                if distant {
-                    // (1 - cos) / 2 with cos = -along, or (1 + cos) / 2 for backward phases.
-                    let small = 0.5 * square / (1.0 + along.abs());
-                    let wants_small = (along < 0.0) == (self.setup.anisotropy >= 0.0);
-                    turn[i] = if wants_small { small } else { 1.0 - small };
-                } else {
-                    batch.height[i] = square.sqrt().max(CLOSEST_SHARE * away).max(1e-18);
-                    batch.tau[i] = start + along;
-                    let tau = batch.tau[i];
-                    batch.travelled[i] = (batch.height[i] * batch.height[i] + tau * tau).sqrt();
-                }
-            }
-            let sums = if distant {
-                self.setup.distant(&turn, &batch.length)
-            } else {
-                let setup = self.setup;
-                Integrate { setup, batch: &batch }.run(simd)
-            };
-            for (i, pixel) in pixels.iter_mut().enumerate() {
-                *pixel = [sums[0][i], sums[1][i], sums[2][i]];
-            }
-        }
-    }
-}
-
-impl Setup {
-    /// [`super::integral::distant`] from the rays' starts on; `turn` as [`Medium::phase`] takes it.
-    #[inline(always)]
-    fn distant(&self, turn: &Lanes, length: &Lanes) -> [Lanes; 3] {
-        let mut phase = [0.0; LANES];
-        for (phase, turn) in phase.iter_mut().zip(turn) {
-            let square = self.phase[0] + self.phase[1] * turn;
-            *phase = self.phase[2] / (square * square.sqrt());
-        }
-        let mut sums = [[0.0; LANES]; 3];
-        for group in &self.groups {
-            for &c in &group.channels {
-                let (extinction, scattering) = (group.extinction[c], self.scattering[c]);
-                for i in 0..LANES {
-                    let x = extinction * length[i];
-                    // The series of (1 - e^-x) / x, where the difference would lose digits.
-                    let thin = 1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x / 120.0)));
-                    let mean = if x < 0.25 { thin } else { (1.0 - exp(-x)) / x };
-                    sums[c][i] = phase[i] * scattering * length[i] * mean;
                 }
             }
         }

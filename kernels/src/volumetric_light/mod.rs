@@ -41,10 +41,6 @@ pub struct MediumMapHandle {
     map: Arc<MediumMap>,
 }
 
-fn flag(cancel: Option<PyRef<'_, CancelFlag>>) -> CancelFlag {
-    cancel.map(|flag| flag.clone()).unwrap_or_default()
-}
-
 /// Readies a depth map (1 or more, height, width) f32, metres, infinite where empty, of which the first layer counts;
 /// `view` (19,) f64. Raises ValueError on bad shapes.
 #[pyfunction]
@@ -58,7 +54,7 @@ fn light_map(
     let view = View::from_packed(view.as_slice()?)?;
     let (height, width) = (depths.shape()[1], depths.shape()[2]);
     let nearest = &depths.as_slice()?[..height * width];
-    let cancel = flag(cancel);
+    let cancel = CancelFlag::of(cancel);
     let map = py.detach(|| LightMap::new(view, width, height, nearest, &cancel))?;
     Ok(LightMapHandle { map: Arc::new(map) })
 }
@@ -76,7 +72,13 @@ fn medium_map(
         unreachable!("three axes by type")
     };
     let all = depths.as_slice()?.to_vec();
-    let map = LightMap::new(view, width, height, &all[..height * width], &flag(cancel))?;
+    let map = LightMap::new(
+        view,
+        width,
+        height,
+        &all[..height * width],
+        &CancelFlag::of(cancel),
+    )?;
     let map = MediumMap::new(map, layers, width, height, all);
     Ok(MediumMapHandle { map: Arc::new(map) })
 }
@@ -128,7 +130,7 @@ fn airlight<'py>(
     let depth = depth.as_slice()?;
     let span_depths = spans.as_ref().map(|s| s.as_slice()).transpose()?;
     let layers = spans.as_ref().map_or(0, |s| s.shape()[0]);
-    let cancel = flag(cancel);
+    let cancel = CancelFlag::of(cancel);
     let image = py.detach(|| {
         let scene = Scene {
             lattice,

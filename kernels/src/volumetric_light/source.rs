@@ -1,5 +1,6 @@
 //! One point that a light is made of, and where along a ray it shines.
 
+use crate::vector::{cross, dot, length};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -68,22 +69,6 @@ impl Source {
             profile,
         })
     }
-}
-
-pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-pub fn length(a: [f64; 3]) -> f64 {
-    dot(a, a).sqrt()
 }
 
 /// A ray seen from a source of finite distance. `tau` counts metres along it from the point closest to the source.

@@ -5,7 +5,8 @@
 //! the ray looks straight at the light.
 
 use super::medium::Medium;
-use super::source::{Seen, Source, length};
+use super::source::{Seen, Source};
+use crate::vector::length;
 use rayon::prelude::*;
 
 const ALONG: usize = 256;

@@ -36,7 +36,7 @@ fn upsample_by_depth<'py>(
     let texels = coarse.as_slice()?.as_chunks::<3>().0;
     let coarse_depth = coarse_depth.as_slice()?;
     let depth = depth.as_slice()?;
-    let cancel = cancel.map(|flag| flag.clone()).unwrap_or_default();
+    let cancel = CancelFlag::of(cancel);
     let mut image = vec![[0.0f32; 3]; height * width];
     py.detach(|| {
         image.par_chunks_mut(width).enumerate().try_for_each(|(y, row)| {
