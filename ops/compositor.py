@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..addon.core.errors import StrataError
+from ..addon.core.naming import ENGINE_ID
 from ..addon.layers.compositor import build
 from ..addon.ui.registration import Classes
 from .arguments import Placeholder
@@ -30,7 +31,7 @@ class STRATA_OT_build_compositor(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        if context.scene.render.engine == "STRATA":
+        if context.scene.render.engine == ENGINE_ID:
             cls.poll_message_set("What Strata renders has its shadows already")
             return False
         return True

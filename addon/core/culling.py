@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .emitter import EmitterKind
-from .outline import Light, Outline
+from .outline import Instances, Light, Outline
 from .view import View
 
 AXES = np.eye(3)
@@ -115,6 +115,25 @@ def lights_region(light: Light, region: np.ndarray) -> bool:
         outside = across * emitter.cos_cone - along * sine  # distance from the cone's surface
         return bool(outside <= radius + emitter.half_width)
     return True
+
+
+def unlit_reason(light: Light, visible: frozenset[int], region: np.ndarray) -> str | None:
+    """Why the light shines on none of the instances `visible`, in the box `region` (2, 3); None if it may."""
+    if light.receivers is not None and light.receivers.isdisjoint(visible):
+        return "it lights nothing in view (light linking)"
+    if not lights_region(light, region):
+        return "reaches nothing in view"
+    return None
+
+
+def casters_of(light: Light, instances: Instances, region: np.ndarray) -> frozenset[int]:
+    """Instances that may cast the light's shadow into the box `region` (2, 3), light linking respected."""
+
+    def find() -> frozenset[int]:
+        found = np.flatnonzero(instances.casting & casters_into(light, region, instances.boxes)).tolist()
+        return frozenset(found) if light.casters is None else light.casters.intersection(found)
+
+    return instances.memo(("casters", light.emitter, light.casters, region.tobytes()), find)
 
 
 def casters_into(light: Light, region: np.ndarray, boxes: np.ndarray) -> np.ndarray:

@@ -1,9 +1,11 @@
-"""Layer names that every EXR reader groups right."""
+"""Names: of the render engine, and of layers so that every EXR reader groups them right."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
+
+ENGINE_ID = "STRATA"  # of the render engine, in Blender's lists and files
 
 LONGEST = 63  # bytes of UTF-8; Blender cuts there
 HASH_DIGITS = 6

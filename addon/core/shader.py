@@ -8,6 +8,9 @@ from pathlib import Path
 
 ADDON = Path(__file__).parents[1]
 SHARED = ADDON / "effects" / "shared"
+LARGEST = 3.0e38
+"""Stands for infinity in uniforms, where 0 times it must be 0."""
+
 _INCLUDE = re.compile(r'^# *include "([\w./]+)"[ \t]*$', re.MULTILINE)
 
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import bpy
 
-ENGINE_ID = "STRATA"
+from ..core.naming import ENGINE_ID
+
 # What every engine has, except for settings that this one does not read, and the simple light panels that
 # EEVEE's replace.
 _GENERAL = "BLENDER_RENDER"

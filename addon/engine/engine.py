@@ -10,6 +10,7 @@ import numpy as np
 from .. import preview
 from ..bake import Baked, BakeJob, read_depsgraph
 from ..core.errors import Cancelled, StrataError
+from ..core.naming import ENGINE_ID
 from ..job import Runner
 from ..ui.properties import options_of
 from ..ui.registration import Classes
@@ -23,7 +24,7 @@ POLL_SECONDS = 0.05  # between two looks whether the user cancelled
 class StrataRenderEngine(bpy.types.RenderEngine):
     """Renders what a bake makes, pass by pass, and its composite as the combined image."""
 
-    bl_idname = "STRATA"
+    bl_idname = ENGINE_ID
     bl_label = "Strata"
     bl_use_preview = True
     bl_use_postprocess = True

@@ -8,8 +8,8 @@ from __future__ import annotations
 import bpy
 from bpy.app.handlers import depsgraph_update_post, persistent
 
+from ..core.naming import ENGINE_ID
 from . import passes
-from .compatible_panels import ENGINE_ID
 
 # By scene (session id) and view layer: the passes that Blender was last told, and the lights looked at then.
 _told: dict[tuple[int, str], tuple[str, ...]] = {}

@@ -10,6 +10,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..core.errors import ShaderError, StrataError
+from ..core.naming import ENGINE_ID
 from ..scene.viewport import hides_objects, placement_of
 from ..ui.properties import options_of
 from . import caption, display, view_transform
@@ -17,7 +18,6 @@ from .session import Session
 from .viewport import Statistics, Viewport
 
 IDLE_SECONDS = 0.05
-ENGINE_ID = "STRATA"
 MOST_TABLES = 4
 
 

@@ -7,12 +7,11 @@ from collections.abc import Callable
 import bpy
 
 from ..core.effect import Effect
+from ..core.naming import ENGINE_ID
 from ..effects.registry import EFFECTS
 from . import draw, plot, presets
 from .registration import Classes
 from .state import STATE
-
-ENGINE_ID = "STRATA"
 
 
 class _Sidebar:

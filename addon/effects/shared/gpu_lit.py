@@ -9,9 +9,9 @@ import numpy as np
 
 from ...core.effect import Blend
 from ...core.emitter import Emitter, EmitterKind
-from ...core.shader import Shader
+from ...core.shader import LARGEST, Shader
+from .membership import mask_table
 
-LARGEST = 3.0e38  # stands for infinity
 MOST_SHADOWS = 4  # layers that may scale one light
 
 MATERIAL_COLOUR = Shader(
@@ -117,7 +117,7 @@ def irradiance(device, surface, eye, emitter: Emitter, receivers):
     samplers = {name: surface[name] for name in ("position", "shading_normal")}
     table = None
     if receivers is not None:
-        table = device.upload_table(device.instance_mask(receivers).astype(np.float32)[:, None])
+        table = mask_table(device, receivers)
         samplers |= {"instance": surface["instance"], "receives": table}
     result = device.new_image(shape)
     shader = _irradiance_variant(emitter.kind, single, receivers is not None)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.culling import lights_region
+from ...core.culling import unlit_reason
 from ...core.effect import Blend, LayerKind, Metric
 from ...core.graph import Node, Step
 from ...core.outline import Light, Outline, emitter_measure
 from ...core.recorder import Recorder
 from . import gpu_lit
+from .membership import belong
 
 LIT = LayerKind(title="Lit", channels="RGBA", metric=Metric.RELATIVE_L2, per_light=True)
 
@@ -53,8 +54,7 @@ def _irradiance(device, surface, eye, emitter, receivers):
         cancel=device.cancel_flag,
     )
     if receivers is not None:
-        lit = np.append(device.instance_mask(receivers), 0).astype(bool)
-        irradiance[~lit[surface["instance"]]] = 0.0
+        irradiance[~belong(device, surface, receivers)] = 0.0
     return irradiance
 
 
@@ -97,9 +97,7 @@ def brightness(light: Light) -> tuple[float, float, float]:
 
 def shines(light: Light, visible: frozenset[int], region: np.ndarray) -> bool:
     """Whether any of the instances `visible` may get light of it; `region` (2, 3) is the box around them."""
-    if light.is_dark or (light.receivers is not None and light.receivers.isdisjoint(visible)):
-        return False
-    return lights_region(light, region)
+    return not light.is_dark and unlit_reason(light, visible, region) is None
 
 
 def base_colour(recorder: Recorder, outline: Outline) -> Node:
@@ -126,7 +124,7 @@ def base_colour(recorder: Recorder, outline: Outline) -> Node:
 
 def emission(recorder: Recorder, outline: Outline, visible: frozenset[int]) -> Node | None:
     """What surfaces emit themselves; None where no material of the instances `visible` does."""
-    used = {material for index in visible for material in outline.instances[index].materials}
+    used = outline.instances.materials_of(visible)
     colours = tuple(material.emission for material in outline.materials)
     if not any(any(colours[material]) for material in used):
         return None

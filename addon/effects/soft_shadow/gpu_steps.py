@@ -10,8 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from ...core.emitter import Emitter, EmitterKind
-from ...core.shader import Shader
+from ...core.shader import LARGEST, Shader
 from ...core.view import View
+from ..shared.membership import mask_table
 from .params import Method
 from .views import share_axes
 
@@ -19,7 +20,6 @@ FOLDER = "effects/soft_shadow"
 SAMPLES = 256
 BLOCK = 8  # texels a side (prepare.rs)
 SMALLEST_LEVEL = 2 * BLOCK  # texels: no level of a map is smaller
-LARGEST = 3.0e38  # stands for infinity where 0 times it must be 0
 SHARPEST = 1e30  # a hard edge (light.rs)
 NOWHERE = (LARGEST, -LARGEST, LARGEST, -LARGEST)  # a window that holds nothing
 ROUND_KINDS = (EmitterKind.SPHERE, EmitterKind.FACING_DISK)
@@ -277,8 +277,7 @@ def visibility(device, shadow):
 def receivers(device, surface, visibility, receivers: frozenset[int]):
     """An image: `visibility`, and 1 where the instance is not among `receivers`."""
     result = device.new_image(visibility.shape)
-    mask = device.instance_mask(receivers).astype(np.float32)
-    table = device.upload_table(mask[:, None])
+    table = mask_table(device, receivers)
     samplers = {"instance": surface["instance"], "receives": table, "visibility": visibility}
     size = visibility.shape[::-1]
     device.dispatch(RECEIVERS, size, {"result": result}, samplers, {"size": size})

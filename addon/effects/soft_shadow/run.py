@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.culling import around, boxes_of, casters_into, lights_region, receivers_in_view
+from ...core.culling import around, boxes_of, casters_of, receivers_in_view, unlit_reason
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
 from ...core.outline import Light, Outline, emitter_measure
@@ -50,30 +50,27 @@ def visibility(
     boxes = boxes_of(outline)
     seen, receivers = receivers_in_view(outline, boxes)
     region = around(receivers) if len(receivers) else np.zeros((2, 3))
-    reason = _unneeded(light, seen, region)
-    casters = frozenset() if reason else _casters(light, outline, region, boxes)
+    visible = frozenset(np.flatnonzero(seen).tolist())
+    reason = _unneeded(light, visible, region)
+    casters = frozenset() if reason else casters_of(light, outline.instances, region)
     if not reason and not casters:
         reason = "nothing casts a shadow into view"
     if reason:
         recorder.left_out(f"soft_shadow {light.name}", reason, light.name)
         return None
-    return _record_light(recorder, outline, params, index, casters, seen, receivers, boxes), casters
+    return _record_light(recorder, outline, params, index, casters, visible, receivers, boxes), casters
 
 
-def _unneeded(light: Light, seen: np.ndarray, region: np.ndarray) -> str | None:
+def _unneeded(light: Light, visible: frozenset[int], region: np.ndarray) -> str | None:
     if light.is_dark:
         return "an area light of no size gives no light" if _is_empty_area(light) else "no power"
     if not light.casts_shadow:
         return "its shadow is switched off"
-    if not seen.any():
+    if not visible:
         return "nothing is in view"
     if light.receivers == frozenset():
         return "it lights no diffuse surface (ray visibility or light linking)"
-    if light.receivers is not None and not any(seen[list(light.receivers)]):
-        return "it lights nothing in view (light linking)"
-    if not lights_region(light, region):
-        return "reaches nothing in view"
-    return None
+    return unlit_reason(light, visible, region)
 
 
 def _is_empty_area(light: Light) -> bool:
@@ -81,26 +78,9 @@ def _is_empty_area(light: Light) -> bool:
     return is_area and emitter_measure(light.emitter) == 0.0
 
 
-def _casters(light: Light, outline: Outline, region: np.ndarray, boxes: np.ndarray) -> frozenset[int]:
-    instances = outline.instances
-    return instances.memo(
-        ("casters", light.emitter, light.casters, region.tobytes()),
-        lambda: _casters_now(light, instances.casting.copy(), region, boxes),
-    )
-
-
-def _casters_now(light: Light, allowed: np.ndarray, region: np.ndarray, boxes: np.ndarray) -> frozenset[int]:
-    if light.casters is not None:
-        linked = np.zeros(len(allowed), bool)
-        linked[list(light.casters)] = True
-        allowed &= linked
-    return frozenset(np.flatnonzero(allowed & casters_into(light, region, boxes)).tolist())
-
-
-def _record_light(recorder, outline, params, index, casters, seen, receivers, boxes) -> Node:
+def _record_light(recorder, outline, params, index, casters, visible, receivers, boxes) -> Node:
     light = outline.lights[index]
     params = light.params_for("soft_shadow", params)
-    visible = frozenset(np.flatnonzero(seen).tolist())
     attributes = POINTS if light.receivers is None else (*POINTS, "instance")
     surface = shared.surface(recorder, outline, visible, *attributes)
     views, left_out = outline.instances.memo(

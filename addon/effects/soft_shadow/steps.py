@@ -6,6 +6,7 @@ import numpy as np
 
 from ...core.graph import Step
 from ...core.random import hash_bits
+from ..shared.membership import belong
 from . import beside, gpu_steps
 from .params import Method
 
@@ -68,8 +69,7 @@ def _visibility(device, shadow):
 
 
 def _receivers(device, surface, visibility, receivers):
-    lit = np.append(device.instance_mask(receivers), 0).astype(bool)  # index -1, a miss, is the last
-    return np.where(lit[surface["instance"]], visibility, np.float32(1.0))
+    return np.where(belong(device, surface, receivers), visibility, np.float32(1.0))
 
 
 # Biases and coarser maps of one layered depth map (thesis 5.3.2 and 5.3.4).

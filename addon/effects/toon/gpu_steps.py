@@ -12,6 +12,7 @@ from ...core.shader import Shader
 from ...core.surface import Chunk
 from ...core.view import View
 from ..shared import gpu_steps as shared
+from ..shared.membership import mask_table
 from .pattern import packed_pattern
 
 FOLDER = "effects/toon"
@@ -140,7 +141,7 @@ def facing(device, surface, *visibility, normal, lights, shadowed, linked):
         if shadow:
             samplers["visibility"] = next(images)
         if receivers is not None:
-            table = device.upload_table(device.instance_mask(receivers).astype(np.float32)[:, None])
+            table = mask_table(device, receivers)
             samplers |= {"instance": surface["instance"], "receives": table}
         params = {"size": size, "centre": light[:4], "forward": light[4:8], "shape": light[8:11]}
         shader = _facing_variant(index == 0, False, shadow, receivers is not None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.culling import around, boxes_of, lights_region, receivers_in_view
+from ...core.culling import around, boxes_of, receivers_in_view, unlit_reason
 from ...core.graph import Node
 from ...core.outline import Outline
 from ...core.recorder import Recorder
@@ -100,11 +100,9 @@ def _chosen_lights(recorder, outline, params, visible, region) -> list[int]:
             reason = f"only '{params.key_light}' counts"
         elif luminance(light) <= 0.0:
             reason = "no power"
-        elif light.receivers is not None and light.receivers.isdisjoint(visible):
-            reason = "it lights nothing in view (light linking)"
-        elif not lights_region(light, region):
-            reason = "reaches nothing in view"
         else:
+            reason = unlit_reason(light, visible, region)
+        if reason is None:
             chosen.append(index)
             continue
         recorder.left_out(f"toon light {light.name}", reason, light.name)
@@ -126,7 +124,7 @@ def _shade(recorder, outline, params, surface, light, normal, visible) -> Node:
     if params.rim > 0.0:
         recorder.surface_with("position")
     table = [(*material.base_color, *material.emission) for material in outline.materials]
-    used = {m for i in visible for m in outline.instances[i].materials}
+    used = outline.instances.materials_of(visible)
     textured = any(outline.materials[m].base_color_image is not None for m in used)
     base = [lit.base_colour(recorder, outline)] if textured else []
     return recorder.step(

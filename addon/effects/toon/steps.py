@@ -8,6 +8,7 @@ import numpy as np
 
 from ...core.graph import Step
 from ...core.view import View
+from ..shared.membership import belong
 from . import gpu_steps
 from .pattern import packed_pattern
 
@@ -172,9 +173,8 @@ def _lines(device, geometry, view: View, visible, marked, width, objects, materi
         attributes=wanted,
         cancel=device.cancel_flag,
     )
-    mask = np.append(device.instance_mask(marked), 0).astype(bool)  # index -1, a miss, is the last
     return device.kernels.toon_edges(
-        np.where(mask[seen["instance"]], seen["instance"], -1),
+        np.where(belong(device, seen, marked), seen["instance"], -1),
         chunk.y0 - low,
         chunk.y1 - low,
         width,

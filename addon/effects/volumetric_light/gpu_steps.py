@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...core.medium import Medium
-from ...core.shader import Shader
+from ...core.shader import LARGEST, Shader
 from ...core.surface import Chunk
 from ...core.view import View
 from .lattice import lattice_of, offset_of
@@ -16,7 +16,6 @@ from .sources import Source, SourceKind
 
 FOLDER = "effects/volumetric_light"
 ALIKE = 4.0  # extinctions that differ by less are integrated over the same nodes (medium.rs)
-LARGEST = 3.0e38
 
 MAP_PARAMS = ("size", "level")
 MAP_BASE = Shader(

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...core.culling import boxes_of, casters_into, corners_of, frustum_corners, lights_region
+from ...core.culling import boxes_of, casters_of, corners_of, frustum_corners, lights_region
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
 from ...core.outline import Light, Outline
@@ -57,7 +57,7 @@ def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> 
         if reason := _unneeded(light, region):
             recorder.left_out(f"volumetric_light {light.name}", reason, light.name)
             continue
-        casters = _casters(light, outline, region, boxes)
+        casters = casters_of(light, outline.instances, region) if light.casts_shadow else frozenset()
         own = light.params_for(EFFECT.id, params)
         parts, shares = [], []
         for number, source in enumerate(sources_of(light, own.light_samples)):
@@ -109,14 +109,6 @@ def _unneeded(light: Light, region: np.ndarray) -> str | None:
     if not lights_region(light, region):
         return "reaches no view ray"
     return None
-
-
-def _casters(light: Light, outline: Outline, region: np.ndarray, boxes: np.ndarray) -> frozenset[int]:
-    if not light.casts_shadow or not len(boxes):
-        return frozenset()
-    allowed = outline.instances.casting & casters_into(light, region, boxes)
-    linked = light.casters
-    return frozenset(i for i in np.flatnonzero(allowed).tolist() if linked is None or i in linked)
 
 
 def _part(recorder, outline, params, stride, fill, surface, light, number, source, casters, region) -> Node:
