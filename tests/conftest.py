@@ -41,6 +41,20 @@ def archive() -> Path:
     return found
 
 
+@pytest.fixture
+def display():
+    """A screen without a monitor; its number is chosen by the server."""
+    readable, writable = os.pipe()
+    command = ["Xvfb", "-displayfd", str(writable), "-screen", "0", "1400x900x24", "+extension", "GLX"]
+    with subprocess.Popen(command, pass_fds=[writable], stderr=subprocess.DEVNULL) as server:
+        os.close(writable)
+        with open(readable) as told:
+            number = told.readline().strip()
+        assert number, "Xvfb did not start"
+        yield f":{number}"
+        server.terminate()
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session, exitstatus):
     session.config.exit_code = int(exitstatus)

@@ -106,6 +106,18 @@ def bumpy_sheet(rng, cells: int, **more) -> MeshArrays:
     )
 
 
+def sheets_over_ground(count: int, materials: tuple[int, ...]):
+    """`count` bumpy sheets over a ground that no light's plane is parallel to: meshes, and instances as
+    `scene_of` takes them."""
+    rng = np.random.default_rng(3)
+    corners = np.array([[-9, -9, 0.1], [9, -9, -0.2], [9, 9, 0.15], [-9, 9, 0.3]])
+    instances = [(1, np.eye(4), 0, (0,))]
+    for index in range(count):
+        moved = rng.uniform((-2, -2, 0.8), (2, 2, 2.0))
+        instances.append((0, matrix_of(0.6 * rotation(rng), moved), index + 1, materials))
+    return [bumpy_sheet(rng, 16), triangle_mesh(corners[[[0, 1, 2], [0, 2, 3]]])], instances
+
+
 def share_beyond(a: np.ndarray, b: np.ndarray, tolerance) -> float:
     """Share of elements that differ by more than `tolerance`, or that only one of the two has finite."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)

@@ -4,10 +4,8 @@
 installed and the mouse (xdotool) on the same screen.
 """
 
-import json
 import sys
 import time
-import traceback
 from pathlib import Path
 
 import bpy
@@ -235,22 +233,5 @@ def person_at_work(found: dict):
     yield from person.photograph(photographs, "7 disabled")
 
 
-FOUND = {}
-ACTIONS = person_at_work(FOUND)
-
-
-def act():
-    try:
-        return next(ACTIONS)
-    except StopIteration:
-        pass
-    except BaseException:
-        FOUND["failure"] = traceback.format_exc()
-    Path(RESULT).write_text(json.dumps(FOUND, indent=1))
-    bpy.ops.wm.quit_blender()
-    return None
-
-
-bpy.context.preferences.view.show_splash = False
 bpy.context.preferences.view.render_display_type = "WINDOW"
-bpy.app.timers.register(act, first_interval=1.0, persistent=True)
+person.work(person_at_work, RESULT)

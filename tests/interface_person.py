@@ -3,7 +3,9 @@
 To be imported inside Blender. Everything is a generator that yields how many seconds to let Blender work.
 """
 
+import json
 import subprocess
+import traceback
 from pathlib import Path
 
 import bpy
@@ -104,3 +106,24 @@ def survey(area, region, share: float = 0.5):
 def photograph(folder: Path, name: str):
     yield 0.5
     subprocess.run(["import", "-window", "root", str(folder / f"{name}.png")], check=True)
+
+
+def work(actions, result: str) -> None:
+    """Does `actions(found)`, a generator, once Blender's window is there; then writes what it found to the
+    file `result`, or what went wrong, and ends Blender."""
+    found: dict = {}
+    going = actions(found)
+
+    def act():
+        try:
+            return next(going)
+        except StopIteration:
+            pass
+        except BaseException:
+            found["failure"] = traceback.format_exc()
+        Path(result).write_text(json.dumps(found, indent=1))
+        bpy.ops.wm.quit_blender()
+        return None
+
+    bpy.context.preferences.view.show_splash = False
+    bpy.app.timers.register(act, first_interval=1.0, persistent=True)

@@ -1,37 +1,22 @@
 """Inside a Blender with a window: switches the preview on, edits, looks, and writes down what was there.
 
-`blender --python preview_drive.py -- ZIP_OR_SOURCE SCENE.blend BACKEND RESULT.json PICTURES`
+`blender --python preview_drive.py -- ZIP SCENE.blend BACKEND RESULT.json PICTURES`
 """
 
-import importlib.util
-import json
 import sys
 import time
-import traceback
 from pathlib import Path
 
 import bpy
 import gpu
 import numpy as np
 
-SOURCE, SCENE, BACKEND, RESULT, PICTURES = sys.argv[sys.argv.index("--") + 1 :]
+sys.path.insert(0, str(Path(__file__).parent))
+from interface_person import work
+
+ARCHIVE, SCENE, BACKEND, RESULT, PICTURES = sys.argv[sys.argv.index("--") + 1 :]
+MODULE = "bl_ext.user_default.strata"
 WIDTH, HEIGHT = 240, 135  # of the render, and of the frame in the viewport
-
-
-def installed():
-    """The package: of the zip, by Blender's own installer, or of a source folder."""
-    if SOURCE.endswith(".zip"):
-        install = bpy.ops.extensions.package_install_files
-        install(repo="user_default", filepath=SOURCE, enable_on_install=True)
-        return "bl_ext.user_default.strata"
-    places = [SOURCE]
-    spec = importlib.util.spec_from_file_location(
-        "strata", f"{SOURCE}/__init__.py", submodule_search_locations=places
-    )
-    sys.modules["strata"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(sys.modules["strata"])
-    sys.modules["strata"].register()
-    return "strata"
 
 
 def viewports():
@@ -115,9 +100,9 @@ def save(name, pixels):
 
 def person(found):
     """What is done, as a generator; each value is how many seconds to let Blender work."""
-    module = installed()
-    preview = sys.modules[f"{module}.addon.preview"]
-    control = sys.modules[f"{module}.addon.preview.control"]
+    bpy.ops.extensions.package_install_files(repo="user_default", filepath=ARCHIVE, enable_on_install=True)
+    preview = sys.modules[f"{MODULE}.addon.preview"]
+    control = sys.modules[f"{MODULE}.addon.preview.control"]
     bpy.ops.wm.open_mainfile(filepath=SCENE)
     yield 0.5
     scene = bpy.context.scene
@@ -256,21 +241,4 @@ def person(found):
     found["done"] = True
 
 
-FOUND = {}
-ACTIONS = person(FOUND)
-
-
-def act():
-    try:
-        return next(ACTIONS)
-    except StopIteration:
-        pass
-    except BaseException:
-        FOUND["failure"] = traceback.format_exc()
-    Path(RESULT).write_text(json.dumps(FOUND))
-    bpy.ops.wm.quit_blender()
-    return None
-
-
-bpy.context.preferences.view.show_splash = False
-bpy.app.timers.register(act, first_interval=1.0, persistent=True)
+work(person, RESULT)

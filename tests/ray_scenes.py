@@ -1,7 +1,21 @@
-"""Triangles for tests of rays."""
+"""Triangles and lights for tests of rays."""
 
 import numpy as np
 import strata_kernels as kernels
+from strata.addon.core.emitter import Emitter, EmitterKind
+
+AXES = {"right": (1.0, 0.0, 0.0), "up": (0.0, 1.0, 0.0), "forward": (0.0, 0.0, -1.0)}
+LIGHTS = [
+    Emitter(EmitterKind.RECTANGLE, (0, 0, 3), **AXES, half_width=0.75, half_height=0.5),
+    Emitter(EmitterKind.ELLIPSE, (0, 0, 3), **AXES, half_width=0.75, half_height=0.5),
+    Emitter(EmitterKind.SPHERE, (0, 0, 3), **AXES, half_width=0.75, half_height=0.75),
+    Emitter(EmitterKind.FACING_DISK, (0, 0, 3), **AXES, half_width=0.75, half_height=0.75),
+    Emitter(EmitterKind.DISTANT_DISK, (0, 0, 0), **AXES, half_width=0.3, half_height=0.3),
+]
+PLATES = [
+    np.array([[-0.5, -0.3, 1.0], [0.5, -0.3, 1.0], [0.5, 0.6, 1.2], [-0.5, 0.6, 1.2]]),
+    np.array([[-0.1, -0.6, 1.6], [0.4, -0.6, 1.6], [0.4, 0.2, 1.6], [-0.1, 0.2, 1.6]]),
+]
 
 
 def add_triangles(geometry, triangles, matrix=None, **material):

@@ -19,6 +19,12 @@ def plate(x0, x1, y0, y1, z):
     return np.array([[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]], np.float64)
 
 
+UP = (0.0, 0.0, 1.0)
+GROUND = plate(-6, 6, -6, 6, 0)
+LOW = plate(-0.7, 0.6, -0.5, 0.45, 1.5)
+HIGH = plate(-0.4, 0.9, -0.6, 0.3, 2.5)
+
+
 def ground_points(half=2.0, count=41, z=0.0):
     """(N, 3) points on the ground, off any texel's grid."""
     at = np.linspace(-half, half, count) + 0.0137

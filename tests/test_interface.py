@@ -15,6 +15,7 @@ from exr_layers import read_layers
 from PIL import Image
 
 TESTS = Path(__file__).resolve().parent
+LAYER = "Soft Shadow Sky panel"  # as in interface_drive.py
 PHOTOGRAPHS = TESTS.parent / "out" / "interface"
 # 0.2 s is the promise, which test_job.py times without a window; here the window is drawn in software, and
 # the driver looks again only after each drawing.
@@ -22,20 +23,6 @@ SECONDS_TO_CANCEL = 3.0
 # Mean difference of parts, out of 1: pixels of preview and bake differ a little in size and sample edges
 # elsewhere, and the window has 8 bits.
 MOST_APART = 0.03
-
-
-@pytest.fixture
-def display():
-    """A screen without a monitor; its number is chosen by the server."""
-    readable, writable = os.pipe()
-    command = ["Xvfb", "-displayfd", str(writable), "-screen", "0", "1400x900x24", "+extension", "GLX"]
-    with subprocess.Popen(command, pass_fds=[writable], stderr=subprocess.DEVNULL) as server:
-        os.close(writable)
-        with open(readable) as told:
-            number = told.readline().strip()
-        assert number, "Xvfb did not start"
-        yield f":{number}"
-        server.terminate()
 
 
 def used_by_a_person(backend: str, archive: Path, display: str, folder: Path) -> dict:
@@ -66,16 +53,15 @@ def used_by_a_person(backend: str, archive: Path, display: str, folder: Path) ->
 
 
 def shown_and_baked(photograph: Path, file: Path, frame) -> tuple[np.ndarray, np.ndarray]:
-    """(4, 7) means of a shadow over parts of the image: as on the screen, and as baked. Left out is the lower
-    right, where the sidebar may cover the frame."""
+    """(8, 7) means of a shadow over parts of the image: as on the screen, and as baked."""
     grey = np.asarray(Image.open(photograph).convert("L"), np.float64) / 255.0
     left, top, right, bottom = (round(edge) for edge in frame)
-    layer = next(layer for layer in read_layers(file).layers if layer.name == "Soft Shadow Sky panel")
+    layer = next(layer for layer in read_layers(file).layers if layer.name == LAYER)
     return parts(grey[top:bottom, left:right]), parts(layer.pixels[::-1])
 
 
 def parts(image: np.ndarray) -> np.ndarray:
-    """Means over 8 x 12 parts of an image, and of them the left 7 columns."""
+    """Means over 8 x 12 parts of an image, and of them the left 7 columns: the sidebar covers the right."""
     rows, columns = (
         np.linspace(0, side, count + 1).astype(int) for side, count in zip(image.shape, (8, 12), strict=True)
     )

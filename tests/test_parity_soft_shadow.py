@@ -14,16 +14,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import strata_kernels as kernels
-from gpu_scenes import (
-    bumpy_sheet,
-    gpu_device,
-    matrix_of,
-    on_both,
-    rotation,
-    scene_of,
-    share_beyond,
-    triangle_mesh,
-)
+from gpu_scenes import gpu_device, on_both, scene_of, share_beyond, sheets_over_ground
 from strata.addon.core.arrays import Cutout
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.surface import Chunk
@@ -57,13 +48,7 @@ class Courtyard:
     """Bumpy sheets over a ground that no light's plane is parallel to; everything as host arrays."""
 
     def __init__(self):
-        rng = np.random.default_rng(3)
-        corners = np.array([[-9, -9, 0.1], [9, -9, -0.2], [9, 9, 0.15], [-9, 9, 0.3]])
-        instances = [(1, np.eye(4), 0, (0,))]
-        for index in range(7):
-            moved = rng.uniform((-2, -2, 0.8), (2, 2, 2.0))
-            instances.append((0, matrix_of(0.6 * rotation(rng), moved), index + 1, (0,)))
-        meshes = [bumpy_sheet(rng, 16), triangle_mesh(corners[[[0, 1, 2], [0, 2, 3]]])]
+        meshes, instances = sheets_over_ground(7, (0,))
         self.outline, self.arrays = scene_of(meshes, instances, (Cutout(), Cutout()))
         self.everything = frozenset(range(len(instances)))
         (self.cpu, self.geometry), _ = on_both(self.outline, self.arrays)

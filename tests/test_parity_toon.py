@@ -8,16 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from gpu_scenes import (
-    bumpy_sheet,
-    gpu_device,
-    matrix_of,
-    on_both,
-    rotation,
-    scene_of,
-    share_beyond,
-    triangle_mesh,
-)
+from gpu_scenes import gpu_device, on_both, rotation, scene_of, share_beyond, sheets_over_ground
 from strata.addon.core.arrays import Cutout
 from strata.addon.core.ramp import Ramp
 from strata.addon.core.surface import ATTRIBUTES, Chunk
@@ -47,13 +38,7 @@ class Stage:
     """Bumpy sheets over a ground; its surface on the host, and two ways to run a step on it."""
 
     def __init__(self):
-        rng = np.random.default_rng(3)
-        corners = np.array([[-9, -9, 0.1], [9, -9, -0.2], [9, 9, 0.15], [-9, 9, 0.3]])
-        instances = [(1, np.eye(4), 0, (0,))]
-        for index in range(6):
-            moved = rng.uniform((-2, -2, 0.8), (2, 2, 2.0))
-            instances.append((0, matrix_of(0.6 * rotation(rng), moved), index + 1, (1, 2)))
-        meshes = [bumpy_sheet(rng, 16), triangle_mesh(corners[[[0, 1, 2], [0, 2, 3]]])]
+        meshes, instances = sheets_over_ground(6, (1, 2))
         self.outline, self.arrays = scene_of(meshes, instances, (Cutout(),) * 3)
         (self.cpu, self.geometry), (self.gpu, self.gpu_geometry) = on_both(self.outline, self.arrays)
         self.everything = frozenset(range(len(instances)))

@@ -9,7 +9,6 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from test_interface import display  # noqa: F401 (a fixture)
 
 TESTS = Path(__file__).resolve().parent
 

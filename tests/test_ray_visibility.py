@@ -4,27 +4,15 @@ import closed_forms
 import numpy as np
 import pytest
 import strata_kernels as kernels
-from ray_scenes import accel_of, quad
+from ray_scenes import AXES, LIGHTS, PLATES, accel_of, quad
 from strata.addon.core.emitter import Emitter, EmitterKind
 
-AXES = {"right": (1.0, 0.0, 0.0), "up": (0.0, 1.0, 0.0), "forward": (0.0, 0.0, -1.0)}
-LIGHTS = [
-    Emitter(EmitterKind.RECTANGLE, (0, 0, 3), **AXES, half_width=0.75, half_height=0.5),
-    Emitter(EmitterKind.ELLIPSE, (0, 0, 3), **AXES, half_width=0.75, half_height=0.5),
-    Emitter(EmitterKind.SPHERE, (0, 0, 3), **AXES, half_width=0.75, half_height=0.75),
-    Emitter(EmitterKind.FACING_DISK, (0, 0, 3), **AXES, half_width=0.75, half_height=0.75),
-    Emitter(EmitterKind.DISTANT_DISK, (0, 0, 0), **AXES, half_width=0.3, half_height=0.3),
-]
 UP = np.array([[0.0, 0.0, 1.0]])
 
 
 def plate_scene():
-    plates = [
-        np.array([[-0.5, -0.3, 1.0], [0.5, -0.3, 1.0], [0.5, 0.6, 1.2], [-0.5, 0.6, 1.2]]),
-        np.array([[-0.1, -0.6, 1.6], [0.4, -0.6, 1.6], [0.4, 0.2, 1.6], [-0.1, 0.2, 1.6]]),
-    ]
     eye = np.array([2.0, 3.0, 4.0])
-    return plates, eye, accel_of(np.concatenate([quad(p) for p in plates]), eye)
+    return PLATES, eye, accel_of(np.concatenate([quad(p) for p in PLATES]), eye)
 
 
 @pytest.mark.parametrize("light", LIGHTS, ids=lambda light: light.kind.name)
