@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from strata.addon.bake import Baked, Options, bake
 from strata.addon.core.metrics import maximum, quantile, weighted_bias, weighted_rmse
 
@@ -32,38 +33,61 @@ class Comparison:
         return low - self.cycles_noise <= self.rmse <= high + self.cycles_noise
 
 
-def compare(scene, lamp, baked: Baked, samples: int, size: tuple[int, int]) -> Comparison:
-    """A light's layer, baked at pixel centres, against two renders of `samples` each."""
-    layer = next(layer for layer in baked.layers.layers if layer.light == lamp.name)
-    first, second = (cycles.shadow(scene, lamp, samples, seed=seed, size=size) for seed in (1, 2))
-    lit = (first.weight > 0.0) & (second.weight > 0.0)
-    weight = (0.5 * (first.weight + second.weight))[lit]
-    halves = first.visibility[lit], second.visibility[lit]
-    noise = 0.5 * weighted_rmse(halves[0] - halves[1], weight)
-    errors = layer.pixels[lit] - 0.5 * (halves[0] + halves[1])
-    square = weighted_rmse(errors, weight) ** 2 - noise**2
-    found = layer.error
-    return Comparison(
-        lamp.name,
-        max(square, 0.0) ** 0.5,
-        noise,
-        weighted_bias(errors, weight),
-        quantile(errors, weight, 0.99),
-        maximum(errors, weight),
-        found.get("value"),
-        tuple(found["ci95"]) if found else None,
-        int(lit.sum()),
-    )
+@dataclass(frozen=True)
+class CyclesTruth:
+    """A lamp's shadow by Cycles: two independent renders, (height, width) float64 each, and where the lamp
+    reaches at all; `weight` (pixels,) what it brings there unshadowed."""
+
+    lamp: str
+    halves: tuple[np.ndarray, np.ndarray]
+    lit: np.ndarray
+    weight: np.ndarray
+
+    @classmethod
+    def rendered(cls, scene, lamp, samples: int, size: tuple[int, int]) -> CyclesTruth:
+        """`samples` in each of the two renders."""
+        first, second = (cycles.shadow(scene, lamp, samples, seed=seed, size=size) for seed in (1, 2))
+        lit = (first.weight > 0.0) & (second.weight > 0.0)
+        weight = (0.5 * (first.weight + second.weight))[lit]
+        return cls(lamp.name, (first.visibility[lit], second.visibility[lit]), lit, weight)
+
+    def compare(self, baked: Baked) -> Comparison:
+        """The lamp's layer, baked at pixel centres."""
+        layer = next(layer for layer in baked.layers.layers if layer.light == self.lamp)
+        noise = 0.5 * weighted_rmse(self.halves[0] - self.halves[1], self.weight)
+        errors = layer.pixels[self.lit] - 0.5 * (self.halves[0] + self.halves[1])
+        square = weighted_rmse(errors, self.weight) ** 2 - noise**2
+        found = layer.error
+        return Comparison(
+            self.lamp,
+            max(square, 0.0) ** 0.5,
+            noise,
+            weighted_bias(errors, self.weight),
+            quantile(errors, self.weight, 0.99),
+            maximum(errors, self.weight),
+            found.get("value"),
+            tuple(found["ci95"]) if found else None,
+            int(self.lit.sum()),
+        )
 
 
 def compare_all(
-    scene, samples: int, size: tuple[int, int], options: Options | None = None, names=None
-) -> list[Comparison]:
-    """Every light that the bake has a layer of, or those of `names`."""
-    options = options or Options(backend="cpu", samples=1)
-    baked = bake(scene, scene.view_layers[0], options, size=size)
-    layers = {layer.light for layer in baked.layers.layers}
-    lamps = [
-        lamp for lamp in cycles.lamps(scene) if lamp.name in layers and (not names or lamp.name in names)
-    ]
-    return [compare(scene, lamp, baked, samples, size) for lamp in lamps]
+    scene, samples: int, size: tuple[int, int], settings: dict[str, dict]
+) -> list[tuple[str, Comparison]]:
+    """Every light that has a layer, with each of `settings` (Options.values by a name for them)."""
+    view_layer = scene.view_layers[0]
+    bakes = {
+        name: bake(
+            scene,
+            view_layer,
+            Options(effects=("soft_shadow",), backend="cpu", samples=1, values=values),
+            size=size,
+        )
+        for name, values in settings.items()
+    }
+    layers = {layer.light for baked in bakes.values() for layer in baked.layers.layers}
+    found = []
+    for lamp in (lamp for lamp in cycles.lamps(scene) if lamp.name in layers):
+        truth = CyclesTruth.rendered(scene, lamp, samples, size)
+        found += [(name, truth.compare(baked)) for name, baked in bakes.items()]
+    return found
