@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strata.addon.core.culling import casters_into, corners_of, in_frustum, lights_region
+from strata.addon.core.arrays import Arrays, Cutout, MeshArrays
+from strata.addon.core.culling import casters_into, corners_of, drawn_from, in_frustum, lights_region
 from strata.addon.core.emitter import Emitter, EmitterKind
-from strata.addon.core.outline import Light
+from strata.addon.core.outline import Bounds, Camera, Instance, Light, Material, Mesh, Outline
 from strata.addon.core.view import View
+from strata.addon.devices.cpu import CpuDevice
+
+IDENTITY = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
 
 
 def random_rotation(rng: np.random.Generator) -> np.ndarray:
@@ -104,3 +108,41 @@ def test_corners_are_the_eight_of_the_box():
     assert len({tuple(corner) for corner in corners}) == 8
     assert corners.min(axis=0).tolist() == [0.0, 1.0, 2.0]
     assert corners.max(axis=0).tolist() == [3.0, 4.0, 5.0]
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+@pytest.mark.parametrize("seed", range(8))
+def test_a_map_of_what_may_be_drawn_is_the_map_of_all(orthographic, seed):
+    """To the last bit: what is left out has no texel."""
+    rng = np.random.default_rng(seed)
+    view = random_view(rng, orthographic)
+    device = CpuDevice()
+    centres = rng.normal(size=(200, 3)) * 4.0 + view.eye
+    parts, meshes, matrices = [], [], []
+    for index, centre in enumerate(centres):
+        corners = rng.normal(size=(3, 3)) * rng.uniform(0.01, 2.0) + centre
+        box = Bounds(tuple(corners.min(axis=0).tolist()), tuple(corners.max(axis=0).tolist()))
+        parts.append(Instance(str(index), index, IDENTITY, box, index, (0,)))
+        starts = np.array([0, 3], np.int32)
+        # Not around the origin: float32 corners may lie beside their box by a rounding.
+        matrix = np.eye(4)
+        matrix[:3, 3] = centre
+        matrices.append(matrix)
+        local = (corners - centre).astype(np.float32)
+        meshes.append(MeshArrays(local, np.arange(3, dtype=np.int32), starts))
+    camera = Camera("Camera", (0, 0, 3), (1, 0, 0), (0, 1, 0), (0, 0, -1))
+    headers = tuple(Mesh(str(i), str(i), 3, 1) for i in range(len(parts)))
+    materials = (Material("m"),)
+    outline = Outline("S", "L", 1, (8, 8), camera, (), tuple(parts), headers, materials)
+    device.set_scene(outline, Arrays(tuple(meshes), np.array(matrices), (Cutout(),)))
+    geometry = device.geometry()
+    everything = frozenset(range(len(parts)))
+    drawn = drawn_from(view, everything, outline.instances)
+    assert 0 < len(drawn) < len(parts)
+
+    def depths(casters):
+        mask = device.instance_mask(casters)
+        return device.kernels.layered_depth(geometry, mask, view.packed(), 3, 64, 64)
+
+    assert np.isfinite(depths(everything)).any()
+    assert np.array_equal(depths(drawn), depths(everything))

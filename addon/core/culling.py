@@ -10,6 +10,9 @@ from .view import View
 
 AXES = np.eye(3)
 
+DRAWN_GUARD = 1e-3
+"""Share of a view's window, against rounding."""
+
 
 def boxes_of(outline: Outline) -> np.ndarray:
     """(N, 2, 3) float64: low and high corners of the instances."""
@@ -54,11 +57,27 @@ def frustum_corners(view: View, far: float) -> np.ndarray:
 
 
 def in_frustum(view: View, boxes: np.ndarray, guard: float = 0.05) -> np.ndarray:
-    """(N,) bool: False only where a box lies wholly outside one plane."""
-    normals, offsets = frustum_planes(view, guard)
-    centres, extents = boxes.mean(axis=1), 0.5 * (boxes[:, 1] - boxes[:, 0])
-    reach = centres @ normals.T + extents @ np.abs(normals).T
-    return (reach >= offsets - 1e-9 * np.abs(offsets)).all(axis=1)
+    """(N,) bool: False only where a box (N, 2, 3) lies wholly outside one plane."""
+    return _inside(view, 0.5 * (boxes[:, 0] + boxes[:, 1]), 0.5 * (boxes[:, 1] - boxes[:, 0]), guard)
+
+
+def _inside(view: View, middles: np.ndarray, halves: np.ndarray, guard: float) -> np.ndarray:
+    """The same, by the boxes' centres and half sizes (N, 3)."""
+    inside = np.ones(len(middles), bool)
+    for normal, offset in zip(*frustum_planes(view, guard), strict=True):
+        inside &= middles @ normal + halves @ np.abs(normal) >= offset - 1e-9 * abs(offset)
+    return inside
+
+
+def drawn_from(view: View, chosen: frozenset[int], instances: Instances) -> frozenset[int]:
+    """Those of the instances `chosen` that may be drawn from `view`: others cost a rasteriser much, as it
+    has to set up all their triangles to find that out."""
+    return instances.memo(
+        ("drawn", view, chosen),
+        lambda: instances.subset(
+            instances.mask(chosen) & _inside(view, instances.middles, instances.halves, DRAWN_GUARD)
+        ),
+    )
 
 
 def receivers_in_view(outline: Outline, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -130,8 +149,8 @@ def casters_of(light: Light, instances: Instances, region: np.ndarray) -> frozen
     """Instances that may cast the light's shadow into the box `region` (2, 3), light linking respected."""
 
     def find() -> frozenset[int]:
-        found = np.flatnonzero(instances.casting & casters_into(light, region, instances.boxes)).tolist()
-        return frozenset(found) if light.casters is None else light.casters.intersection(found)
+        found = instances.subset(instances.casting & casters_into(light, region, instances.boxes))
+        return found if light.casters is None else light.casters & found
 
     return instances.memo(("casters", light.emitter, light.casters, region.tobytes()), find)
 

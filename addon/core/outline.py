@@ -247,6 +247,16 @@ class Instances(tuple[Instance, ...]):
         return np.array(boxes, np.float64).reshape(-1, 2, 3)
 
     @cached_property
+    def middles(self) -> np.ndarray:
+        """(N, 3) float64: centres of the boxes."""
+        return 0.5 * (self.boxes[:, 0] + self.boxes[:, 1])
+
+    @cached_property
+    def halves(self) -> np.ndarray:
+        """(N, 3) float64: half sizes of the boxes."""
+        return 0.5 * (self.boxes[:, 1] - self.boxes[:, 0])
+
+    @cached_property
     def shown(self) -> np.ndarray:
         """(N,) bool: what a camera may see."""
         return np.array([i.visible_camera and not i.is_holdout for i in self], bool)
@@ -255,6 +265,33 @@ class Instances(tuple[Instance, ...]):
     def casting(self) -> np.ndarray:
         """(N,) bool: what casts shadows."""
         return np.array([instance.casts_shadow for instance in self], bool)
+
+    @cached_property
+    def media(self) -> list[tuple[int, Instance]]:
+        """Those that are a medium, with their indices."""
+        return [(index, each) for index, each in enumerate(self) if each.medium is not None]
+
+    def subset(self, chosen: np.ndarray) -> frozenset[int]:
+        """Where `chosen` (N,) bool is True. The same set is the same object, as long as it is in use: what is
+        kept by it is then found without comparing thousands of numbers."""
+        return self.memo(
+            ("subset", np.packbits(chosen).tobytes()),
+            lambda: frozenset(np.flatnonzero(chosen).tolist()),
+        )
+
+    def mask(self, chosen: frozenset[int]) -> np.ndarray:
+        """(N,) bool: True for the instances `chosen`."""
+
+        def make() -> np.ndarray:
+            mask = np.zeros(len(self), bool)
+            mask[np.fromiter(chosen, np.int64, len(chosen))] = True
+            return mask
+
+        return self.memo(("mask", chosen), make)
+
+    def boxes_of(self, chosen: frozenset[int]) -> np.ndarray:
+        """(M, 2, 3) float64: boxes of the instances `chosen`, in order."""
+        return self.memo(("boxes", chosen), lambda: self.boxes[self.mask(chosen)])
 
     def materials_of(self, chosen: frozenset[int]) -> frozenset[int]:
         """Materials that the instances `chosen` have."""
@@ -268,12 +305,16 @@ class Instances(tuple[Instance, ...]):
 
     def memo[Result](self, key, make: Callable[[], Result]) -> Result:
         """What `make` returned for this key; `key` has to hold all that the result depends on besides the
-        instances."""
-        if key not in self._memos:
-            while len(self._memos) >= self.MOST_MEMOS:
-                del self._memos[next(iter(self._memos))]
-            self._memos[key] = make()
-        return self._memos[key]
+        instances. What was asked for longest ago is forgotten first."""
+        memos = self._memos
+        if key in memos:
+            found = memos.pop(key)
+        else:
+            found = make()
+            while len(memos) >= self.MOST_MEMOS:
+                del memos[next(iter(memos))]
+        memos[key] = found
+        return found
 
 
 @dataclass(frozen=True)
@@ -325,7 +366,7 @@ class Outline:
             return self.region[2] - self.region[0], self.region[3] - self.region[1]
         return self.frame_size
 
-    @property
+    @cached_property
     def view(self) -> View:
         """The camera's eye of what is computed."""
         view = self.camera.view(*self.frame_size, self.pixel_aspect)

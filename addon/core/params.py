@@ -6,6 +6,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from enum import Enum
+from functools import cache
 from typing import Any, get_type_hints
 
 from .errors import StrataError
@@ -122,6 +123,7 @@ class Params:
     """Base of an effect's parameters: a frozen dataclass of `param` fields."""
 
     @classmethod
+    @cache
     def specs(cls) -> tuple[ParamSpec, ...]:
         kinds = get_type_hints(cls)
         return tuple(

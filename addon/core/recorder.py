@@ -27,7 +27,7 @@ class Recorder:
         self._layers: list[PlannedLayer] = []
         self._left_out: list[LeftOut] = []
         self._attributes: set[str] = set()
-        self._instances: set[int] = set()
+        self._instance_sets: set[frozenset[int]] = set()
         self._wants: set[str] = set()
         self._surface: Node | None = None
 
@@ -55,7 +55,9 @@ class Recorder:
 
     def reads_instances(self, instances: frozenset[int]) -> None:
         """Says which instances the recorded steps look at; others are never extracted."""
-        self._instances.update(instances)
+        if instances in self._instance_sets:
+            return
+        self._instance_sets.add(instances)
         materials = self.outline.instances.materials_of(instances)
         if any(self.outline.materials[m].clips_by_texture for m in materials):
             self._wants.update(("uv", "alpha"))
@@ -67,7 +69,8 @@ class Recorder:
     @property
     def instances(self) -> frozenset[int]:
         """Read so far by any step."""
-        return frozenset(self._instances)
+        parts = frozenset(self._instance_sets)
+        return self.outline.instances.memo(("union", parts), lambda: frozenset().union(*parts))
 
     def layer(
         self,
@@ -77,6 +80,7 @@ class Recorder:
         casters: frozenset[int] = frozenset(),
     ) -> None:
         """Declares an image made by `node`; `casters` are the instances that its reference has to trace."""
+        self.reads_instances(casters)
         light = "" if light_index is None else self.outline.lights[light_index].name
         name = layer_name(kind.title, light, (layer.name for layer in self._layers))
         effect = self.effect.id if self.effect else ""
@@ -101,7 +105,7 @@ class Recorder:
             tuple(self._left_out),
             self._surface,
             frozenset(self._attributes),
-            frozenset(self._instances),
+            self.instances,
             frozenset(self._wants),
         )
 

@@ -120,9 +120,10 @@ class Session:
         outline = placement.seen_from(self.outline, scale)
         lights = tuple(_lighter(light, chosen, share) if light.own else light for light in outline.lights)
         outline = replace(outline, lights=lights)
-        shown = outline.instances.boxes[outline.instances.shown]
-        if len(shown):
-            outline = replace(outline, seen=around(shown)[None])
+        instances = outline.instances
+        if instances.shown.any():
+            seen = instances.memo(("around shown",), lambda: around(instances.boxes[instances.shown])[None])
+            outline = replace(outline, seen=seen)
         return outline, plan_scene(outline, options)
 
     def still_plan(self, placement: Placement, options: Options) -> tuple[Outline, Graph]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ...core.culling import around, boxes_of, receivers_in_view
 from ...core.effect import Blend, LayerKind, Metric
 from ...core.graph import Node
@@ -30,7 +28,7 @@ def record(recorder: Recorder, outline: Outline) -> None:
     seen, receivers = receivers_in_view(outline, boxes_of(outline))
     if not len(receivers):
         return
-    visible = frozenset(np.flatnonzero(seen).tolist())
+    visible = outline.instances.subset(seen)
     surface(recorder, outline, visible, "material")
     region = around(receivers)
     inputs: list[Node] = []

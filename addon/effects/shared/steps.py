@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...core.culling import drawn_from
 from ...core.graph import Node, Step
 from ...core.outline import Outline
 from ...core.recorder import Recorder
@@ -85,6 +86,7 @@ def layered_depth(
     instance: str,
 ) -> Node:
     """`layers` depths of `casters` from `view`, `size` texels wide and high."""
+    casters = drawn_from(view, casters, outline.instances)
     recorder.reads_instances(casters)
     width, height = size
     return recorder.step(

@@ -7,7 +7,7 @@ import numpy as np
 from ...core.culling import around, boxes_of, casters_of, receivers_in_view, unlit_reason
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
-from ...core.outline import Light, Outline, emitter_measure
+from ...core.outline import Instances, Light, Outline, emitter_measure
 from ...core.random import hash_bits
 from ...core.recorder import Recorder
 from ..shared import steps as shared
@@ -50,7 +50,7 @@ def visibility(
     boxes = boxes_of(outline)
     seen, receivers = receivers_in_view(outline, boxes)
     region = around(receivers) if len(receivers) else np.zeros((2, 3))
-    visible = frozenset(np.flatnonzero(seen).tolist())
+    visible = outline.instances.subset(seen)
     reason = _unneeded(light, visible, region)
     casters = frozenset() if reason else casters_of(light, outline.instances, region)
     if not reason and not casters:
@@ -85,7 +85,7 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers,
     surface = shared.surface(recorder, outline, visible, *attributes)
     views, left_out = outline.instances.memo(
         ("views", light.emitter, casters, receivers.tobytes()),
-        lambda: light_views(light.emitter, boxes[sorted(casters)], receivers),
+        lambda: light_views(light.emitter, outline.instances.boxes_of(casters), receivers),
     )
     close = _close_casters(params, light, casters, boxes)
     if close and not views:
@@ -114,6 +114,7 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers,
         maps=len(maps),
     )
     if params.method == Method.HYBRID:
+        recorder.reads_instances(casters)
         accelerator = shared.ray_accelerator(outline)
         shadow = recorder.step(
             steps.RAYS,
@@ -188,9 +189,14 @@ def _has_size(light: Light) -> bool:
 
 def _report_idle_instances(recorder: Recorder, outline: Outline, seen: np.ndarray) -> None:
     """Objects that are neither seen nor cast into view are never read."""
-    unseen, read = np.flatnonzero(~seen).tolist(), recorder.instances
-    idle = [i for i in unseen if i not in read]
-    names = sorted({outline.instances[i].name for i in idle})
+    instances = outline.instances
+    needed = instances.subset(seen), recorder.instances
+    names = instances.memo(("idle", *needed), lambda: _others(instances, *needed))
     shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
     if names:
         recorder.left_out(f"objects {shown}", "neither in view nor casting a shadow into it")
+
+
+def _others(instances: Instances, seen: frozenset[int], read: frozenset[int]) -> list[str]:
+    """Names of the instances that are neither."""
+    return sorted({each.name for i, each in enumerate(instances) if i not in seen and i not in read})

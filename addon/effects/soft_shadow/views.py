@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from ...core.culling import corners_of
 from ...core.emitter import Emitter, EmitterKind
 from ...core.view import Vector, View
 
@@ -92,16 +91,17 @@ def _nested_views(
     emitter: Emitter, casters: np.ndarray, receivers: np.ndarray, widest: float
 ) -> tuple[list[NamedView], list[LeftOut]]:
     axes = (emitter.right, emitter.up, emitter.forward)
-    whole, reason = _window(emitter, axes, casters, receivers, widest)
+    casters, receivers = (_corners(emitter, axes, boxes, widest) for boxes in (casters, receivers))
+    whole, reason = _window(emitter, casters, receivers, widest)
     if whole is None:
         return [], [("map", reason)]
-    tight = _seen_window(emitter, axes, receivers, widest, whole[0])
+    tight = _seen_window(receivers, widest, whole[0])
     limits = [max(abs(edge) for edge in tight)]
     while limits[0] > WIDEST_SINGLE_TANGENT:
         limits.insert(0, limits[0] / WIDEST_SINGLE_TANGENT)
     windows, left_out = [], []
     for limit in limits:
-        inner, reason = _window(emitter, axes, casters, receivers, limit)
+        inner, reason = _window(emitter, casters, receivers, limit)
         if inner is None:
             left_out.append((f"window within slopes of {limit:.1f}", reason))
         else:
@@ -117,12 +117,11 @@ def _nested_views(
     return views, left_out
 
 
-def _seen_window(emitter: Emitter, axes, receivers: np.ndarray, widest: float, whole: tuple) -> tuple:
+def _seen_window(receivers: np.ndarray, widest: float, whole: tuple) -> tuple:
     """The part of the window `whole` that receivers fill. Casters close to the light lie around it, so that
     a point whose search region leaves it needs the whole window; most do not."""
-    corners = (corners_of(receivers) - np.array(emitter.centre)) @ np.array(axes).T
-    slopes, _ = _slopes(corners, widest)
-    low, high = slopes[:, 0].min(axis=0), slopes[:, 1].max(axis=0)
+    low, high, _ = _slopes(receivers, widest)
+    low, high = low.min(axis=1), high.max(axis=1)
     margin = SEEN_MARGIN * (high - low)
     seen = (low[0] - margin[0], high[0] + margin[0], low[1] - margin[1], high[1] + margin[1])
     return _intersection(whole, tuple(float(edge) for edge in seen))
@@ -143,7 +142,8 @@ def _cube_views(
 ) -> tuple[list[NamedView], list[LeftOut]]:
     views, left_out = [], []
     for name, axes in cube_axes():
-        found, reason = _window(emitter, axes, casters, receivers, FACE_TANGENT)
+        seen = (_corners(emitter, axes, boxes, FACE_TANGENT) for boxes in (casters, receivers))
+        found, reason = _window(emitter, *seen, FACE_TANGENT)
         if found is None:
             left_out.append((f"face {name}", reason))
         else:
@@ -171,54 +171,69 @@ def share_axes(a: View, b: View) -> bool:
     return not turned and a.orthographic == b.orthographic and (a.orthographic or a.eye == b.eye)
 
 
-def _window(emitter: Emitter, axes, casters: np.ndarray, receivers: np.ndarray, widest: float):
+def _corners(emitter: Emitter, axes, boxes: np.ndarray, widest: float) -> np.ndarray:
+    """Corners (3, 8, M) along `axes` from the light's centre, of those boxes (N, 2, 3) that may be in front
+    of the light within slopes of `widest`. Boxes come last, and what each axis of the world adds is summed:
+    thousands are looked at for every frame of a light that moves."""
+    edges = np.subtract(
+        boxes.T, np.array(emitter.centre)[:, None, None], order="C"
+    )  # by axis of the world, and low or high
+    axes = np.array(axes)
+    half = np.abs(axes) @ (0.5 * (edges[:, 1] - edges[:, 0]))
+    middle = axes @ (0.5 * (edges[:, 0] + edges[:, 1]))
+    farthest = middle[2] + half[2]
+    inside = (farthest > 0.0) & (np.abs(middle[:2]) - half[:2] < widest * farthest).all(axis=0)
+    along = axes[:, :, None, None] * np.compress(inside, edges, axis=2)
+    x, y, z = along[:, 0], along[:, 1], along[:, 2]
+    corners = x[:, :, None, None] + y[:, None, :, None] + z[:, None, None, :]
+    return corners.reshape(3, 8, -1)
+
+
+def _window(emitter: Emitter, casters: np.ndarray, receivers: np.ndarray, widest: float):
     """Window, near and far of the casters that may shadow receivers within slopes of `widest`, or None; and
-    why None."""
-    to_axes = np.array(axes).T
-    centre = np.array(emitter.centre)
-    receiver_corners = (corners_of(receivers) - centre) @ to_axes
-    caster_corners = (corners_of(casters) - centre) @ to_axes
-    receiver_slopes, receiver_depths = _slopes(receiver_corners, widest)
-    if not len(receiver_slopes):
+    why None. Both are corners (3, 8, N) in the light's axes."""
+    receiver_low, receiver_high, receiver_depths = _slopes(receivers, widest)
+    if not receiver_depths.size:
         return None, "no receivers"
     far = float(receiver_depths.max())
-    caster_slopes, caster_depths = _slopes(caster_corners, widest)
-    shadowing = caster_depths[:, 0] < far
-    caster_slopes, caster_depths = caster_slopes[shadowing], caster_depths[shadowing]
-    if not len(caster_slopes):
+    caster_low, caster_high, caster_depths = _slopes(casters, widest)
+    shadowing = caster_depths[0] < far
+    if not shadowing.any():
         return None, "no casters"
+    caster_low, caster_high = caster_low[:, shadowing], caster_high[:, shadowing]
+    nearest = caster_depths[0, shadowing]
     # Not quite at the nearest caster: rounding would clip one that is parallel to the light.
-    near = max(0.99 * float(caster_depths[:, 0].min()), SMALLEST_NEAR * far)
+    near = max(0.99 * float(nearest.min()), SMALLEST_NEAR * far)
     # A line from a receiver's point at slope p to the light's point l passes depth s at p + l (1/s - 1/z).
-    half = np.array([emitter.half_width, emitter.half_height])
-    reach = half * (1.0 / np.maximum(caster_depths[:, :1], near) - 1.0 / far)
-    low = receiver_slopes[:, 0].min(axis=0) - reach
-    high = receiver_slopes[:, 1].max(axis=0) + reach
-    low, high = np.maximum(caster_slopes[:, 0], low), np.minimum(caster_slopes[:, 1], high)
-    inside = (low <= high).all(axis=1)
+    half = np.array([[emitter.half_width], [emitter.half_height]])
+    reach = half * (1.0 / np.maximum(nearest, near) - 1.0 / far)
+    low = np.maximum(caster_low, receiver_low.min(axis=1)[:, None] - reach)
+    high = np.minimum(caster_high, receiver_high.max(axis=1)[:, None] + reach)
+    inside = (low <= high).all(axis=0)
     if not inside.any():
         return None, "no casters"
-    low, high = low[inside].min(axis=0), high[inside].max(axis=0)
+    low, high = low[:, inside].min(axis=1), high[:, inside].max(axis=1)
     return (_padded(low, high), near, far * 1.001), ""
 
 
-def _slopes(corners: np.ndarray, widest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Of boxes (N, 8, 3) in the light's axes: low and high slopes (M, 2, 2) within `widest`, and least and
-    greatest depth (M, 2), of those M boxes that are in front of the light and not outside."""
-    depths = corners[..., 2]
-    in_front = depths.max(axis=1) > 0.0
-    for axis in (0, 1):
-        for side in (-1.0, 1.0):
-            in_front &= (side * corners[..., axis] < widest * depths).any(axis=1)
-    corners, depths = corners[in_front], depths[in_front]
+def _slopes(corners: np.ndarray, widest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of boxes' corners (3, 8, N) in the light's axes: low and high slopes (2, M) within `widest`, and least
+    and greatest depth (2, M), of those M boxes that are in front of the light and not outside."""
+    depths = corners[2]
+    edge = widest * depths
+    in_front = depths.max(axis=0) > 0.0
+    for across in corners[:2]:
+        in_front &= (across < edge).any(axis=0) & (-across < edge).any(axis=0)
+    corners = np.compress(in_front, corners, axis=2)  # in order in memory, which indexing would not keep
+    depths = corners[2]
+    nearest, farthest = depths.min(axis=0), depths.max(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slopes = corners[..., :2] / depths[..., None]
+        slopes = corners[:2] / depths
     # A box that reaches behind the light's plane may appear anywhere.
-    behind = (depths <= 0.0).any(axis=1)[:, None]
+    behind = nearest <= 0.0
     low = np.where(behind, -widest, np.clip(slopes.min(axis=1), -widest, widest))
     high = np.where(behind, widest, np.clip(slopes.max(axis=1), -widest, widest))
-    ranges = np.stack([np.maximum(depths.min(axis=1), 0.0), depths.max(axis=1)], axis=1)
-    return np.stack([low, high], axis=1), ranges
+    return low, high, np.stack([np.maximum(nearest, 0.0), farthest])
 
 
 def _sun_view(
@@ -232,10 +247,9 @@ def _sun_view(
         return [], [("map", "no casters")]
     axes = np.array([emitter.right, emitter.up, emitter.forward])
     middle = 0.5 * (receivers[:, 0].min(axis=0) + receivers[:, 1].max(axis=0))
-    receiver_corners = (corners_of(receivers) - middle) @ axes.T
-    caster_corners = (corners_of(casters) - middle) @ axes.T
-    receiver_low, receiver_high = receiver_corners.min(axis=(0, 1)), receiver_corners.max(axis=(0, 1))
-    caster_low, caster_high = caster_corners.min(axis=1), caster_corners.max(axis=1)
+    receiver_low, receiver_high = _ranges(receivers - middle, axes)
+    receiver_low, receiver_high = receiver_low.min(axis=0), receiver_high.max(axis=0)
+    caster_low, caster_high = _ranges(casters - middle, axes)
     # The disk's rays spread by its radius (a tangent) per metre between caster and receiver.
     height = np.maximum(receiver_high[2] - caster_low[:, 2:], 0.0)
     reach = height * np.array([emitter.half_width, emitter.half_height])
@@ -256,6 +270,12 @@ def _sun_view(
         window = _padded(-half, half)
         views.append((name, View(tuple(eye.tolist()), *lamp_axes, window, near, far, orthographic=True)))
     return views, []
+
+
+def _ranges(boxes: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest place (N, 3) of boxes (N, 2, 3) along each of `axes` (3, 3)."""
+    middle, half = 0.5 * (boxes[:, 0] + boxes[:, 1]) @ axes.T, 0.5 * (boxes[:, 1] - boxes[:, 0]) @ abs(axes).T
+    return middle - half, middle + half
 
 
 def _sun_windows(low: np.ndarray, high: np.ndarray) -> list[tuple[str, tuple[np.ndarray, np.ndarray]]]:

@@ -30,7 +30,7 @@ def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
     if not seen.any():
         recorder.left_out("toon", "nothing is in view")
         return
-    visible = frozenset(np.flatnonzero(seen).tolist())
+    visible = outline.instances.subset(seen)
     excluded = excluded_instances(outline)
     if visible <= excluded:
         recorder.left_out("toon", "everything in view is excluded from it")

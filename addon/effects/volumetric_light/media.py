@@ -22,7 +22,7 @@ def fill_of(outline: Outline, params: VolumetricLightParams) -> tuple[Fill | Non
     if not params.use_scene_medium:
         medium = Medium(tuple(params.scattering_per_m), tuple(params.absorption_per_m), params.anisotropy)
         return (None if medium.is_empty else Fill(medium)), []
-    meshes = [(i, each) for i, each in enumerate(outline.instances) if each.medium is not None]
+    meshes = outline.instances.media
     if outline.world_medium is not None:
         names = ((f"volume {each.name}", "the world's volume is everywhere already") for _, each in meshes)
         return Fill(outline.world_medium), list(names)

@@ -46,7 +46,7 @@ def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> 
     region = _region(outline, fill, boxes)
     if region is None:
         return recorder.left_out("volumetric_light", "the medium is not in view")
-    visible = frozenset(np.flatnonzero(outline.instances.shown).tolist())
+    visible = outline.instances.subset(outline.instances.shown)
     surface = shared.surface(recorder, outline, visible, "depth")
     stride = params.scale.stride
     if not any(fill.medium.scattering):
@@ -94,7 +94,7 @@ def _region(outline: Outline, fill: Fill, boxes: np.ndarray) -> np.ndarray | Non
     frustum = frustum_corners(view, depth)
     low, high = frustum.min(axis=0), frustum.max(axis=0)
     if fill.instances is not None:
-        inside = boxes[sorted(fill.instances)]
+        inside = outline.instances.boxes_of(fill.instances)
         low, high = np.maximum(low, inside[:, 0].min(axis=0)), np.minimum(high, inside[:, 1].max(axis=0))
         if (low > high).any():
             return None
@@ -121,7 +121,7 @@ def _part(recorder, outline, params, stride, fill, surface, light, number, sourc
         "source": source,
         "stride": stride,
     }
-    boxes = boxes_of(outline)[sorted(casters)]
+    boxes = outline.instances.boxes_of(casters)
     views = _views(light, source, boxes, region[None]) if casters else []
     maps = []
     for face, view in views:
@@ -144,7 +144,7 @@ def _part(recorder, outline, params, stride, fill, surface, light, number, sourc
 
 def _ways(recorder, outline, fill, light, source, name) -> list[Node]:
     """Maps of a bounded medium from a light, for the way that light comes through it."""
-    inside = boxes_of(outline)[sorted(fill.instances)]
+    inside = outline.instances.boxes_of(fill.instances)
     ways = []
     for face, view in _views(light, source, inside, inside):
         instance = f"{name} {face} medium"

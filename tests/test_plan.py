@@ -1,0 +1,126 @@
+"""Planning again after an edit: equal content is an equal key; only what an edit touches is worked out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+import pytest
+from conftest import SAMPLES
+from strata.addon.bake import Options, plan_scene
+from strata.addon.core.emitter import Emitter, EmitterKind
+from strata.addon.core.graph import Node, Step
+from strata.addon.core.outline import Instances
+from strata.addon.scene.open import choose, open_blend
+from strata.addon.scene.scan import ScanOptions, scan
+
+STEP = Step("step", cpu=lambda device, **params: None)
+DOWN = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
+
+
+def key(value) -> str:
+    return Node(STEP, "", (), {"value": value}).key
+
+
+def word() -> str:
+    """Made anew, so that it is not the same object as another of these letters."""
+    return "".join(["li", "ght"])
+
+
+def emitter(**more) -> Emitter:
+    return Emitter(EmitterKind.SPHERE, (1.0, 2.0, 3.0), *DOWN, 0.1, 0.1, **more)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: (1.5, ("add", None, True), [word()]),
+        lambda: frozenset([3, 5000, 1]),
+        lambda: (frozenset([3, 5000, 1]), word()),
+        lambda: np.arange(6.0).reshape(2, 3),
+        emitter,
+        lambda: (emitter(), 2),
+    ],
+    ids=["plain", "set", "set in a tuple", "array", "emitter", "emitter in a tuple"],
+)
+def test_equal_content_is_an_equal_key(make):
+    assert key(make()) == key(make())
+
+
+def test_unlike_content_has_unlike_keys():
+    array = np.arange(6, dtype=np.float32)
+    values = [
+        *(0.0, -0.0, 0, False, None, "0", b"0", 1, 1.0, True, np.nextafter(1.0, 2.0)),
+        *((1,), (1.0,), (True,), ((1,), 2), (1, (2,)), ("ab", "c"), ("a", "bc")),
+        *(frozenset(), frozenset([1]), frozenset([2]), (frozenset([1]),)),
+        *(array, array[::-1], array.astype(np.float64), array.reshape(2, 3)),
+        *(emitter(), emitter(blend=0.5), (emitter(),), (emitter(), emitter())),
+        *(EmitterKind.SPHERE, EmitterKind.RECTANGLE),
+    ]
+    assert len({key(value) for value in values}) == len(values)
+
+
+def test_what_is_asked_for_again_is_kept_longest():
+    instances, made = Instances(), []
+
+    def ask(number):
+        return instances.memo(number, lambda: made.append(number))
+
+    ask(-1)
+    for number in range(2 * Instances.MOST_MEMOS):
+        ask(number)
+        ask(-1)
+    assert made.count(-1) == 1
+    ask(0)
+    assert made.count(0) == 2
+
+
+@pytest.fixture(scope="module")
+def courtyard():
+    open_blend(SAMPLES / "courtyard.blend")
+    scene = choose().scene
+    return scan(scene.view_layers[0].depsgraph, ScanOptions(size=(160, 90))).outline
+
+
+def test_only_the_moved_lights_maps_are_placed_again(courtyard, monkeypatch):
+    placed = []
+
+    def light_views(light, *boxes):
+        placed.append(light)
+        return original(light, *boxes)
+
+    run = import_module("strata.addon.effects.soft_shadow.run")  # its name is the effect's function too
+    original = run.light_views
+    monkeypatch.setattr(run, "light_views", light_views)
+    options = Options(("soft_shadow",), composite=True)
+    before = plan_scene(courtyard, options)
+    assert len(placed) == len(courtyard.lights)
+    placed.clear()
+
+    again = plan_scene(courtyard, options)
+    slid = plan_scene(courtyard, replace(options, values={"soft_shadow": {"refinements": 3}}))
+    assert placed == []
+    assert [node.key for node in again.nodes()] == [node.key for node in before.nodes()]
+    assert {node.key for node in slid.nodes()} != {node.key for node in before.nodes()}
+
+    light = next(each for each in courtyard.lights if each.kind == "POINT")
+    centre = (light.emitter.centre[0] + 0.01, *light.emitter.centre[1:])
+    moved = replace(light, emitter=replace(light.emitter, centre=centre))
+    lights = tuple(moved if each is light else each for each in courtyard.lights)
+    after = plan_scene(replace(courtyard, lights=lights), options)
+    assert placed == [moved.emitter]
+    kept = {node.key for node in after.nodes()}
+    changed = [node for node in before.nodes() if node.key not in kept]
+    assert all(node.instance.startswith(light.name) for node in changed if node.instance)
+    assert {node.step.name for node in changed if not node.instance} == {"composite"}
+
+
+def test_maps_draw_only_what_they_may_show(courtyard):
+    """The lanterns' do not draw the whole scene six times."""
+    triangles = 0
+    for node in plan_scene(courtyard, Options(("soft_shadow",))).nodes():
+        if node.step.name == "layered_depth" and node.instance.startswith("Lantern light"):
+            drawn = node.params["casters"]
+            triangles += sum(courtyard.meshes[courtyard.instances[i].mesh].triangles for i in drawn)
+    assert triangles < 2.5 * courtyard.triangles
