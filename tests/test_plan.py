@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib import import_module
 
+import bpy
 import numpy as np
 import pytest
 from conftest import SAMPLES
-from strata.addon.bake import Options, plan_scene
+from strata.addon.bake import BakeJob, Options, plan_scene, read_scene
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.graph import Node, Step
 from strata.addon.core.outline import Instances
@@ -124,3 +125,44 @@ def test_maps_draw_only_what_they_may_show(courtyard):
             drawn = node.params["casters"]
             triangles += sum(courtyard.meshes[courtyard.instances[i].mesh].triangles for i in drawn)
     assert triangles < 2.5 * courtyard.triangles
+
+
+@pytest.fixture
+def low_panel():
+    """A panel close above a field of blocks, which takes nested maps; the camera sees all of it."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_plane_add(size=40.0)
+    rng = np.random.default_rng(5)
+    for x, y in rng.uniform(-12.0, 12.0, (60, 2)):
+        bpy.ops.mesh.primitive_cube_add(size=rng.uniform(0.2, 1.5), location=(x, y, rng.uniform(0.5, 2.0)))
+    bpy.ops.object.light_add(type="AREA", location=(0.0, 0.0, 3.0))
+    bpy.context.object.data.size = 1.0
+    bpy.ops.object.camera_add(location=(0.0, 0.0, 40.0))
+    bpy.context.scene.camera = bpy.context.object
+    return bpy.context.scene
+
+
+def test_wide_maps_need_not_draw_what_a_finer_one_holds_whole(low_panel, monkeypatch):
+    """Nested windows share the work: texels of the finer window are not read of the wider map."""
+    options = Options(
+        ("soft_shadow",), "cpu", samples=1, probes=0, values={"soft_shadow": {"resolution": 256}}
+    )
+    *read, _ = read_scene(low_panel, low_panel.view_layers[0], options, size=(160, 160))
+
+    def visibility() -> np.ndarray:
+        return BakeJob(*read, options).result().layers.layers[0].pixels
+
+    def drawn() -> list[int]:
+        nodes = plan_scene(read[0], options).nodes()
+        return [len(node.params["casters"]) for node in nodes if node.step.name == "layered_depth"]
+
+    less, few = visibility(), drawn()
+    run = import_module("strata.addon.effects.soft_shadow.run")
+    monkeypatch.setattr(run, "not_whole_in", lambda view, casters, instances: casters)
+    more, many = visibility(), drawn()
+    assert len(few) >= 3
+    assert few[-1] < 0.6 * many[-1]
+    assert np.array_equal(less, more)
+    # The wider maps are read here: without them shadows are missing.
+    monkeypatch.setattr(run, "not_whole_in", lambda view, casters, instances: frozenset())
+    assert (np.abs(visibility() - more) > 0.1).mean() > 0.01

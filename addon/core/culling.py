@@ -80,6 +80,16 @@ def drawn_from(view: View, chosen: frozenset[int], instances: Instances) -> froz
     )
 
 
+def not_whole_in(view: View, chosen: frozenset[int], instances: Instances) -> frozenset[int]:
+    """Those of the instances `chosen` that `view` does not hold whole."""
+
+    def find() -> frozenset[int]:
+        held = _inside(view, instances.middles, -instances.halves, -DRAWN_GUARD)
+        return instances.subset(instances.mask(chosen) & ~held)
+
+    return instances.memo(("not whole in", view, chosen), find)
+
+
 def receivers_in_view(outline: Outline, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Which instances the camera may see (N,) bool, and boxes (M, 2, 3) around what it sees of them: those of
     the outline's coarse picture, or one around all."""

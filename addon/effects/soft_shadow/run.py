@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.culling import around, boxes_of, casters_of, receivers_in_view, unlit_reason
+from ...core.culling import around, boxes_of, casters_of, not_whole_in, receivers_in_view, unlit_reason
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
 from ...core.outline import Instances, Light, Outline, emitter_measure
@@ -13,7 +13,7 @@ from ...core.recorder import Recorder
 from ..shared import steps as shared
 from . import beside, steps
 from .params import Method, SoftShadowParams
-from .views import light_views
+from .views import light_views, share_axes
 
 POINTS = ("position", "geometric_normal", "shading_normal")
 
@@ -96,9 +96,14 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers,
         recorder.left_out(
             f"soft_shadow {light.name} penumbra", "a light of no size has hard shadows", light.name
         )
-    maps = [
-        _map(recorder, outline, params, view, casters, f"{light.name} {name}".strip()) for name, view in views
-    ]
+    maps, inner = [], None
+    for name, view in views:
+        drawn = casters
+        if inner is not None and share_axes(inner, view):
+            # Nested windows: what the finer map holds whole has no texel that is read of this one.
+            drawn = not_whole_in(inner, casters, outline.instances)
+        maps.append(_map(recorder, outline, params, view, drawn, f"{light.name} {name}".strip()))
+        inner = view
     eye = outline.view.eye
     shadow = recorder.step(
         steps.BACKPROJECT,
