@@ -53,6 +53,8 @@ class GpuGeometry:
         self._instances = outline.instances
         self._tables_of_meshes = meshes
         self._meshes = meshes.places
+        self._mesh_of = np.array([instance.mesh for instance in outline.instances], int)
+        self._boxes = _box_corners(meshes.places)
         self._matrices = np.asarray(arrays.matrices, np.float64).reshape(-1, 4, 4)
         self._cutouts = arrays.cutouts
         self._alphas: dict[int, GpuImage] = {}
@@ -126,17 +128,13 @@ class GpuGeometry:
 
     def depth_bounds(self, view: View, instances: frozenset[int]) -> tuple[float, float]:
         """Smallest and largest depth of the instances' boxes, metres along the view's forward axis."""
-        low, high = np.inf, -np.inf
-        index = [i for i in sorted(instances) if self._meshes[self._instances[i].mesh].slots]
-        if index:
-            boxes = np.array([_box_corners(self._meshes[self._instances[i].mesh]) for i in index])
-            matrices = self._matrices[index]
-            points = np.einsum("nij,nkj->nki", matrices[:, :3, :3], boxes) + matrices[:, None, :3, 3]
-            depths = (points - np.array(view.eye)) @ np.array(view.forward)
-            depths = depths[np.isfinite(depths)]
-            if len(depths):
-                low, high = float(depths.min()), float(depths.max())
-        return low, high
+        index = np.array([i for i in sorted(instances) if self._meshes[self._instances[i].mesh].slots], int)
+        boxes = self._boxes[self._mesh_of[index]]
+        matrices = self._matrices[index]
+        points = np.einsum("nij,nkj->nki", matrices[:, :3, :3], boxes) + matrices[:, None, :3, 3]
+        depths = (points - np.array(view.eye)) @ np.array(view.forward)
+        depths = depths[np.isfinite(depths)]
+        return float(depths.min(initial=np.inf)), float(depths.max(initial=-np.inf))
 
     def clip_matrices(self, view: View, rows: tuple[int, int], size, jitter=(0.0, 0.0)) -> GpuImage:
         """Three texels an instance: rows x, y (clip space) and depth (metres) of object to view, for image
@@ -174,7 +172,7 @@ class GpuGeometry:
     def _to_eye(self, view: View, axes: np.ndarray) -> np.ndarray:
         """(N, 3, 4) float64: a mesh's positions about its middle, to `axes` relative to the eye."""
         linear = self._matrices[:, :3, :3]
-        centres = np.array([self._meshes[i.mesh].centre for i in self._instances]).reshape(-1, 3)
+        centres = np.array([mesh.centre for mesh in self._meshes]).reshape(-1, 3)[self._mesh_of]
         moved = np.einsum("nij,nj->ni", linear, centres) + (self._matrices[:, :3, 3] - np.array(view.eye))
         return np.concatenate([axes @ linear, (moved @ axes.T)[:, :, None]], axis=2)
 
@@ -195,10 +193,10 @@ def _alpha_kind(cutout: Cutout) -> str:
     return "opaque" if cutout.alpha >= cutout.threshold else "absent"
 
 
-def _box_corners(mesh: MeshPlace) -> np.ndarray:
-    """(8, 3) corners of the mesh's box."""
-    corners = np.stack([mesh.low, mesh.high])
-    return np.array([[corners[i >> k & 1, k] for k in range(3)] for i in range(8)])
+def _box_corners(meshes: list[MeshPlace]) -> np.ndarray:
+    """(meshes, 8, 3) corners of the meshes' boxes."""
+    sides = np.array([(mesh.low, mesh.high) for mesh in meshes]).reshape(-1, 2, 3)
+    return np.stack([sides[:, [i & 1, i >> 1 & 1, i >> 2], [0, 1, 2]] for i in range(8)], axis=1)
 
 
 def _window_of_rows(view: View, rows: tuple[int, int], size: tuple[int, int]) -> tuple[float, ...]:

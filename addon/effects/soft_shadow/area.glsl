@@ -1,5 +1,6 @@
 // The thesis's own method, clamped areas of backprojected texels, summed (section 5.3.5 and its listing): area.rs.
 #include "region.glsl"
+#include "texel.glsl"
 
 // Rise half way in depth between two surfaces; that of the first where nothing is behind it.
 float midpoint(float rise, float next)
@@ -16,7 +17,7 @@ float midpoint(float rise, float next)
 
 float rise_at(int layer, int level, ivec2 texel)
 {
-  return uintBitsToFloat(texelFetch(texels, level_place(layer, level) + texel, 0).x);
+  return uintBitsToFloat(texel_at(layer, level, texel).x);
 }
 
 // Share of the light that what lies between `low` and `high`, in texels from the point, covers.
@@ -69,7 +70,7 @@ float area_hidden(Seen seen, Search search)
       ivec2 texel = ivec2(column, row);
       float next = rise_at(map_layers() - 1, level, texel);
       for (int layer = map_layers() - 2; layer >= 0; layer--) {
-        uvec2 found = texelFetch(texels, level_place(layer, level) + texel, 0).xy;
+        uvec2 found = texel_at(layer, level, texel);
         float rise = uintBitsToFloat(found.x);
         float above = rise - seen.rise;
         float gradient = gradient_bias(rise, unpack_tilt(found.y));

@@ -96,9 +96,6 @@ bool is_my_point(vec3 place, Seen seen)
 
 void main()
 {
-#if !defined(UNMAPPED) && !defined(AREA)
-  share_rows();
-#endif
   ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
   if (any(greaterThanEqual(pixel, ivec2(params.size.xy)))) {
     return;

@@ -2,45 +2,31 @@
 #include "bits.glsl"
 #include "region.glsl"
 
-const uint GROUP = 64u; // invocations: 8 x 8 pixels
-
 // Sine of the elevation, about, below which a texel belongs to the point's own surface.
 const float OWN_SURFACE = 0.01;
 
 // Smallest rise above the point that an edge of a tilted texel may come to, as a share of its middle's.
 const float LOWEST_EDGE = 1e-3;
 
-// Bits of columns below `end`, in the four words from column `first` on.
-uvec4 columns_below(int end, int first)
+// Bits of columns below `end` in the two words from column `first` on.
+uvec2 columns_below(int end, int first)
 {
-  ivec4 count = clamp(end - first - ivec4(0, 32, 64, 96), 0, 32);
+  ivec2 count = clamp(end - first - ivec2(0, 32), 0, 32);
   // Shifted in two steps, since a shift by 32 is undefined.
-  ivec4 part = count >> 1;
-  return ((uvec4(1u) << part) << (count - part)) - 1u;
+  ivec2 part = count >> 1;
+  return ((uvec2(1u) << part) << (count - part)) - 1u;
 }
 
-// Blender takes declarations that start with the keyword out of the text, for its own programs only.
-#define SHARED shared
-
-// For each n the samples in rows below n, two words of four; a group's own copy, since every texel reads it.
-SHARED uvec4 rows_below[2 * (SAMPLES + 1)];
-
-// To be called by the whole group, at first.
-void share_rows()
-{
-  for (uint i = gl_LocalInvocationIndex; i < uint(2 * (SAMPLES + 1)); i += GROUP) {
-    rows_below[i] = texelFetch(first_rows, ivec2(i & 1u, i >> 1), 0);
-  }
-  barrier();
-}
-
-// Hides samples of columns x.x to x.y and rows y.x to y.y.
+// Hides samples of columns x.x to x.y and rows y.x to y.y, two words of the bitmask at a time: few texels reach into more.
 void hide(inout Bits hidden, ivec2 x, ivec2 y)
 {
-  uvec4 low = rows_below[2 * y.y] & ~rows_below[2 * y.x];
-  uvec4 high = rows_below[2 * y.y + 1] & ~rows_below[2 * y.x + 1];
-  hidden.low |= low & columns_below(x.y, 0) & ~columns_below(x.x, 0);
-  hidden.high |= high & columns_below(x.y, 128) & ~columns_below(x.x, 128);
+  for (int word = x.x >> 5; 32 * word < x.y; word += 2) {
+    uvec2 rows = texelFetch(first_rows, ivec2(word, y.y), 0).xy & ~texelFetch(first_rows, ivec2(word, y.x), 0).xy;
+    uvec2 found = rows & columns_below(x.y, 32 * word) & ~columns_below(x.x, 32 * word);
+    ivec4 low = ivec4(0, 1, 2, 3) - word, high = low + 4;
+    hidden.low |= found.x * uvec4(equal(low, ivec4(0))) | found.y * uvec4(equal(low, ivec4(1)));
+    hidden.high |= found.x * uvec4(equal(high, ivec4(0))) | found.y * uvec4(equal(high, ivec4(1)));
+  }
 }
 
 // Whether the middle of a texel, `place` from the point in the window, is above the tangent plane. The direction
@@ -82,81 +68,174 @@ bool passes_by(Seen seen, vec2 low, vec2 high, float above)
   return any(greaterThanEqual(low, seen.bounds.yw * above)) || any(lessThanEqual(high, seen.bounds.xz * above));
 }
 
-// Projects a texel that is nearer to the light than the point back onto the light (thesis eq. 5.3) and hides the
-// samples it covers (Schwarz and Stamminger 2007). Each of its four edges is projected from its own depth, and a texel
-// whose middle is not above the point's tangent plane is passed over. `offset` from the point in texels; `band`: for
-// which rises above the point the level answers.
-void backproject_texel(Seen seen, uvec2 texel, vec2 offset, vec2 texel_size, vec2 band, inout Bits hidden)
+// Whether what lies between `low` and `high` in the window, relative to the point, lies whole in `inner`, left, right,
+// bottom, top: the window of a smaller map, to which it is left.
+bool is_within(vec2 low, vec2 high, vec4 inner)
+{
+#ifdef NESTED
+  return all(greaterThanEqual(low, inner.xz)) && all(lessThanEqual(high, inner.yw));
+#else
+  return false;
+#endif
+}
+
+// A level of the map as a point sees it.
+struct Looked {
+  int level;
+  vec2 band;       // for which rises above the point the level answers
+  vec2 texel_size; // in the window
+  vec2 at;         // where the point is, in texels
+  vec4 inner;      // the smaller map's window, relative to the point
+};
+
+// Blocks that wait to be read: layer, block row and column, first and last row within the block.
+const int MOST_WAITING = 16;
+
+uint pack_block(ivec3 block, uint look)
+{
+  return uint(block.z) << 28 | uint(block.y) << 17 | uint(block.x) << 6 | look >> 3;
+}
+
+const uint WORTH_A_LOOK = 1u; // and then in bits 3 to 5 and 6 to 8 the first and the last row that counts
+const uint LAST_LAYER = 2u;   // nor are the same texels of deeper layers
+
+// Whether a block of texels is worth a look: tile.rs. Deeper layers are farther from the light, and so hide less.
+uint look_at_block(Seen seen, Looked looked, ivec3 block)
+{
+  uvec4 known = texelFetch(blocks, block_place(block.z, looked.level) + block.xy, 0);
+  float highest = uintBitsToFloat(known.x) - seen.rise, lowest = uintBitsToFloat(known.y) - seen.rise;
+  float above = min(highest, looked.band.y);
+  vec2 low = (vec2(BLOCK * block.xy) - looked.at) * looked.texel_size, size = float(BLOCK) * looked.texel_size;
+  if (highest <= looked.band.x || passes_by(seen, low, low + size, above) || is_within(low, low + size, looked.inner)) {
+    return LAST_LAYER;
+  }
+  if (lowest > looked.band.y ||
+      is_own_surface(seen, low + 0.5 * size, looked.texel_size, uintBitsToFloat(known.z), unpack_tilt(known.w)))
+  {
+    return 0u;
+  }
+  // Only rows that the light's rays to the point cross this far above it.
+  vec2 crossed = floor(looked.at.y + seen.bounds.zw * above / looked.texel_size.y) - float(BLOCK * block.y);
+  float last = float(min(BLOCK, level_size(looked.level).y - BLOCK * block.y) - 1);
+  uvec2 rows = uvec2(clamp(crossed, vec2(0.0), vec2(last)));
+  return WORTH_A_LOOK | rows.x << 3 | rows.y << 6;
+}
+
+// Whether each of four neighbouring texels is in the band and crossed by rays from the light to the point. `sides`: of
+// the first, left and right in the window, relative to the point; `ends` of the row, bottom and top.
+uint crossed_texels(Seen seen, Looked looked, vec4 rise, vec4 left, vec4 right, vec2 ends)
+{
+  vec4 above = rise - seen.rise;
+  bvec4 in_band = bvec4(uvec4(greaterThan(above, vec4(looked.band.x))) & uvec4(lessThanEqual(above, vec4(looked.band.y))));
+  uvec4 met = uvec4(in_band) & uvec4(lessThan(left, seen.bounds.y * above)) &
+              uvec4(greaterThan(right, seen.bounds.x * above)) &
+              uvec4(lessThan(vec4(ends.x), seen.bounds.w * above)) &
+              uvec4(greaterThan(vec4(ends.y), seen.bounds.z * above));
+  return met.x | met.y << 1 | met.z << 2 | met.w << 3;
+}
+
+// One bit for each texel of a block that may hide something, four rows in each word.
+uvec2 found_in(Seen seen, Looked looked, uint waiting)
+{
+  ivec2 block = ivec2(waiting >> 6, waiting >> 17) & 0x7ff, rows = ivec2(waiting, waiting >> 3) & 7;
+  ivec2 pairs = pair_place(int(waiting >> 28), looked.level) + ivec2(BLOCK / 2 * block.x, BLOCK * block.y);
+  vec4 column = float(BLOCK * block.x) + vec4(0.0, 1.0, 2.0, 3.0) - looked.at.x;
+  vec4 left = column * looked.texel_size.x, right = (column + 1.0) * looked.texel_size.x;
+  vec4 left_4 = (column + 4.0) * looked.texel_size.x, right_4 = (column + 5.0) * looked.texel_size.x;
+  uint on_map = (1u << min(BLOCK, level_size(looked.level).x - BLOCK * block.x)) - 1u;
+  uvec2 found = uvec2(0u);
+  for (int row = rows.x; row <= rows.y; row++) {
+    ivec2 first = pairs + ivec2(0, row);
+    uvec2 a = texelFetch(texels, first, 0).xz, b = texelFetch(texels, first + ivec2(1, 0), 0).xz;
+    uvec2 c = texelFetch(texels, first + ivec2(2, 0), 0).xz, d = texelFetch(texels, first + ivec2(3, 0), 0).xz;
+    float offset = float(BLOCK * block.y + row) - looked.at.y;
+    vec2 ends = vec2(offset, offset + 1.0) * looked.texel_size.y;
+    uint met = crossed_texels(seen, looked, uintBitsToFloat(uvec4(a, b)), left, right, ends) |
+               crossed_texels(seen, looked, uintBitsToFloat(uvec4(c, d)), left_4, right_4, ends) << 4;
+    uint placed = (met & on_map) << (8 * (row & 3));
+    found |= row < 4 ? uvec2(placed, 0u) : uvec2(0u, placed);
+  }
+  return found;
+}
+
+// Projects a texel back onto the light (thesis eq. 5.3) and hides the samples it covers (Schwarz and Stamminger 2007).
+// Each of its four edges is projected from its own depth, and a texel whose middle is not above the point's tangent plane
+// is passed over.
+void backproject_texel(Seen seen, Looked looked, uvec2 texel, vec2 offset, inout Bits hidden)
 {
   float rise = uintBitsToFloat(texel.x);
   float above = rise - seen.rise;
   vec2 tilt = unpack_tilt(texel.y);
-  if (above <= band.x || above > band.y || above <= gradient_bias(rise, tilt)) {
-    return;
-  }
-  if (passes_by(seen, offset * texel_size, (offset + 1.0) * texel_size, above)) {
-    return;
-  }
-  if (!clears_own_surface(seen, (offset + 0.5) * texel_size, above)) {
+  if (above <= gradient_bias(rise, tilt) ||
+      is_within(offset * looked.texel_size, (offset + 1.0) * looked.texel_size, looked.inner) ||
+      !clears_own_surface(seen, (offset + 0.5) * looked.texel_size, above))
+  {
     return;
   }
   vec2 start = seen.bounds.xz;
   vec2 samples = float(SAMPLES) / (seen.bounds.yw - seen.bounds.xz);
   vec2 edges_x = above + vec2(-0.5, 0.5) * tilt.x, edges_y = above + vec2(-0.5, 0.5) * tilt.y;
   float lowest = LOWEST_EDGE * above;
-  ivec2 x = sample_range(vec2(offset.x, offset.x + 1.0), texel_size.x, edges_x, lowest, start.x, samples.x);
-  ivec2 y = sample_range(vec2(offset.y, offset.y + 1.0), texel_size.y, edges_y, lowest, start.y, samples.y);
+  vec2 size = looked.texel_size;
+  ivec2 x = sample_range(vec2(offset.x, offset.x + 1.0), size.x, edges_x, lowest, start.x, samples.x);
+  ivec2 y = sample_range(vec2(offset.y, offset.y + 1.0), size.y, edges_y, lowest, start.y, samples.y);
   if (x.x < x.y && y.x < y.y) {
     hide(hidden, x, y);
   }
 }
 
-// Whether what lies between `low` and `high` in the window, relative to the point, lies whole in `inner`, left, right,
-// bottom, top: the window of a smaller map, to which it is left.
-bool is_within(vec2 low, vec2 high, vec4 inner)
-{
-  return all(greaterThanEqual(low, inner.xz)) && all(lessThanEqual(high, inner.yw));
-}
-
-// All texels of a region that lie in blocks worth a look: tile.rs.
+// All texels of a region that lie in blocks worth a look. Invocations that run side by side look at different blocks and
+// texels, so each step is done for several before the next begins: blocks are collected, then read for which of
+// their texels may matter, and those are projected.
 void backproject(Seen seen, Region region, int level, vec2 band, inout Bits hidden)
 {
   vec2 texel_size = params.window.zw * float(1 << level);
-  vec2 at = (seen.window - params.window.xy) / texel_size;
-  vec4 inner = params.inner - seen.window.xxyy;
-  ivec2 first_block = region.low / BLOCK, last_block = (region.high - 1) / BLOCK;
-  for (int layer = 0; layer < map_layers(); layer++) {
-    ivec2 block_at = block_place(layer, level), texel_at = level_place(layer, level);
-    for (int block_row = first_block.y; block_row <= last_block.y; block_row++) {
-      for (int block_column = first_block.x; block_column <= last_block.x; block_column++) {
-        ivec2 block = ivec2(block_column, block_row);
-        uvec4 known = texelFetch(blocks, block_at + block, 0);
-        float highest = uintBitsToFloat(known.x) - seen.rise, lowest = uintBitsToFloat(known.y) - seen.rise;
-        if (highest <= band.x || lowest > band.y) {
-          continue;
-        }
-        float above = min(highest, band.y);
-        vec2 low = (vec2(BLOCK * block) - at) * texel_size, size = float(BLOCK) * texel_size;
-        if (passes_by(seen, low, low + size, above) || is_within(low, low + size, inner) ||
-            is_own_surface(seen, low + 0.5 * size, texel_size, uintBitsToFloat(known.z), unpack_tilt(known.w)))
-        {
-          continue;
-        }
-        // Only texels that the light's rays to the point cross this far above it.
-        ivec2 first = ivec2(floor(at + seen.bounds.xz * above / texel_size));
-        ivec2 last = ivec2(floor(at + seen.bounds.yw * above / texel_size));
-        ivec2 from = max(BLOCK * block, max(region.low, first));
-        ivec2 to = min(BLOCK * block + BLOCK, min(region.high, last + 1));
-        for (int row = from.y; row < to.y; row++) {
-          for (int column = from.x; column < to.x; column++) {
-            vec2 offset = vec2(column, row) - at;
-            if (!is_within(offset * texel_size, (offset + 1.0) * texel_size, inner)) {
-              uvec2 texel = texelFetch(texels, texel_at + ivec2(column, row), 0).xy;
-              backproject_texel(seen, texel, offset, texel_size, band, hidden);
-            }
-          }
-        }
+  Looked looked = Looked(
+      level, band, texel_size, (seen.window - params.window.xy) / texel_size, params.inner - seen.window.xxyy);
+  if (is_within((vec2(region.low) - looked.at) * texel_size, (vec2(region.high) - looked.at) * texel_size, looked.inner)) {
+    return;
+  }
+  ivec2 first = region.low / BLOCK, last = (region.high - 1) / BLOCK;
+  ivec3 block = ivec3(first, 0);
+  while (block.y <= last.y && !all_hidden(hidden)) {
+    uint waiting[MOST_WAITING];
+    uvec2 found[MOST_WAITING];
+    int count = 0;
+    while (block.y <= last.y && count < MOST_WAITING) {
+      uint look = look_at_block(seen, looked, block);
+      if ((look & WORTH_A_LOOK) != 0u) {
+        waiting[count] = pack_block(block, look);
+        count++;
       }
+      block.z++;
+      if (look == LAST_LAYER || block.z == map_layers()) {
+        block.xz = ivec2(block.x + 1, 0);
+      }
+      if (block.x > last.x) {
+        block.xy = ivec2(first.x, block.y + 1);
+      }
+    }
+    for (int i = 0; i < count; i++) {
+      found[i] = found_in(seen, looked, waiting[i]);
+    }
+    int next = 0;
+    uvec2 bits = uvec2(0u);
+    ivec2 corner = ivec2(0), pairs = ivec2(0);
+    while (true) {
+      while (bits == uvec2(0u) && next < count) {
+        bits = found[next];
+        corner = BLOCK * (ivec2(waiting[next] >> 6, waiting[next] >> 17) & 0x7ff);
+        pairs = pair_place(int(waiting[next] >> 28), level);
+        next++;
+      }
+      if (bits == uvec2(0u)) {
+        break;
+      }
+      int bit = bits.x != 0u ? findLSB(bits.x) : 32 + findLSB(bits.y);
+      bits = bits.x != 0u ? uvec2(bits.x & (bits.x - 1u), bits.y) : uvec2(0u, bits.y & (bits.y - 1u));
+      ivec2 texel = corner + ivec2(bit & 7, bit >> 3);
+      uvec2 found_texel = one_of(texelFetch(texels, pairs + ivec2(texel.x >> 1, texel.y), 0), texel.x);
+      backproject_texel(seen, looked, found_texel, vec2(texel) - looked.at, hidden);
     }
   }
 }

@@ -1,6 +1,6 @@
 // Where a map is too coarse to be believed, around the point's own texel: doubt.rs.
 #include "light.glsl"
-#include "map.glsl"
+#include "texel.glsl"
 
 // Distance of a texel's middle from the tangent plane, in texels, up to which it is the point's own surface.
 const float OWN = 0.5;
@@ -20,10 +20,9 @@ bool near_contact(Seen seen)
   for (int i = 0; i < 9 && !unsure; i++) {
     vec2 place = middle + vec2(i % 3 - 1, i / 3 - 1);
     vec2 across = (place + 0.5 - at) * texel_size;
-    ivec2 at_layer = level_place(0, 0) + ivec2(place);
     bool own = false;
-    for (int layer = 0; layer < map_layers(); layer++, at_layer = next_layer(at_layer)) {
-      float above = uintBitsToFloat(texelFetch(texels, at_layer, 0).x) - seen.rise;
+    for (int layer = 0; layer < map_layers(); layer++) {
+      float above = uintBitsToFloat(texel_at(layer, 0, ivec2(place)).x) - seen.rise;
       // From the point to the texel's surface, times its rise: then a texel is `texel` long.
       float height = dot(seen.geometric_normal, vec3(across, 0.0) - above * seen.base);
       if (abs(height) <= OWN * texel) {

@@ -1,18 +1,21 @@
-// The samples in rows below n, a row of two texels for each n from 0 to 256: what bitmask.glsl hides rows by.
+// The samples in rows below n: a row for each n from 0 to 256, with the words i and i + 1 of the bitmask in texel i, so
+// that one look at it serves 33 columns or more (bitmask.glsl).
 #include "samples.glsl"
+
+uint word_of(uint word, uint row)
+{
+  uint bits = 0u;
+  for (uint bit = 0u; bit < 32u && word < uint(SAMPLES) / 32u; bit++) {
+    bits |= sample_row(32u * word + bit) < row ? 1u << bit : 0u;
+  }
+  return bits;
+}
 
 void main()
 {
-  ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
-  if (texel.x >= 2 || texel.y > SAMPLES) {
+  uvec2 texel = gl_GlobalInvocationID.xy;
+  if (texel.x >= uint(SAMPLES) / 32u || texel.y > uint(SAMPLES)) {
     return;
   }
-  uvec4 words = uvec4(0u);
-  for (int i = 0; i < 4; i++) {
-    for (uint bit = 0u; bit < 32u; bit++) {
-      uint column = uint(128 * texel.x + 32 * i) + bit;
-      words[i] |= sample_row(column) < uint(texel.y) ? 1u << bit : 0u;
-    }
-  }
-  imageStore(rows, texel, words);
+  imageStore(rows, ivec2(texel), uvec4(word_of(texel.x, texel.y), word_of(texel.x + 1u, texel.y), 0u, 0u));
 }

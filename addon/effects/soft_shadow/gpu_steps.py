@@ -28,19 +28,10 @@ MAP_PARAMS = ("map", "bias")
 PREPARE = Shader(
     f"{FOLDER}/prepare.glsl",
     samplers=(("depths", "FLOAT_2D"),),
-    images=(("texels", "RG32UI", "WRITE"),),
+    images=(("texels", "RGBA32UI", "WRITE"), ("pyramid", "RG32F", "WRITE")),
     params=(*MAP_PARAMS, "depths"),
 )
-COARSER = Shader(
-    f"{FOLDER}/coarser.glsl", images=(("texels", "RG32UI", "READ_WRITE"),), params=(*MAP_PARAMS, "level")
-)
-PYRAMID_BASE = Shader(
-    f"{FOLDER}/pyramid.glsl",
-    defines=("FIRST",),
-    samplers=(("texels", "UINT_2D"),),
-    images=(("pyramid", "RG32F", "WRITE"),),
-    params=(*MAP_PARAMS, "level"),
-)
+COARSER = Shader(f"{FOLDER}/coarser.glsl", images=(("texels", "RGBA32UI", "READ_WRITE"),), params=MAP_PARAMS)
 PYRAMID = Shader(
     f"{FOLDER}/pyramid.glsl", images=(("pyramid", "RG32F", "READ_WRITE"),), params=(*MAP_PARAMS, "level")
 )
@@ -48,9 +39,9 @@ BLOCKS = Shader(
     f"{FOLDER}/blocks.glsl",
     samplers=(("texels", "UINT_2D"),),
     images=(("blocks", "RGBA32UI", "WRITE"),),
-    params=(*MAP_PARAMS, "level"),
+    params=MAP_PARAMS,
 )
-FIRST_ROWS = Shader(f"{FOLDER}/first_rows.glsl", images=(("rows", "RGBA32UI", "WRITE"),))
+FIRST_ROWS = Shader(f"{FOLDER}/first_rows.glsl", images=(("rows", "RG32UI", "WRITE"),))
 LIGHT_PARAMS = (
     *MAP_PARAMS,
     *("size", "settings", "window", "window_high", "inner"),
@@ -135,7 +126,6 @@ def variants() -> Iterator[Shader]:
     yield from (COARSER, PYRAMID, BLOCKS, FIRST_ROWS, RECEIVERS)
     for orthographic in (False, True):
         yield _map_variant(PREPARE, orthographic)
-        yield _map_variant(PYRAMID_BASE, orthographic)
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))
     for kind in EmitterKind:
         is_area = kind in (EmitterKind.RECTANGLE, EmitterKind.ELLIPSE)
@@ -164,34 +154,30 @@ def prepare(device, depth, view: View, gradient_scale: float, gradient_cap_m: fl
     while min(width, height) >> (levels - 1) >= 2 * SMALLEST_LEVEL:
         levels += 1
     nodes = 1 + math.ceil(math.log2(max(width, height)))
-    cell = height + height // 2
-    columns = device.stack_columns((layers, cell, width))
-    rows = -(-layers // columns)
-    texels = device.new_image((rows * cell, columns * width, 2), np.uint32)
+    pairs, cell = (width + 1) // 2, height + height // 2
+    columns = device.stack_columns((layers, cell, pairs + levels))
+    texels = device.new_image((-(-layers // columns) * cell, columns * (pairs + levels), 4), np.uint32)
     pyramid = device.new_image((height + (height + 1) // 2, width + nodes, 2))
-    params = {
-        "map": (width, height, layers, columns),
-        "bias": (gradient_scale, min(gradient_cap_m, LARGEST), levels, nodes),
-    }
-    shader = _map_variant(PREPARE, view.orthographic)
-    stacked = {"depths": (depth.columns,)}
-    device.dispatch(shader, (width, height * layers), {"texels": texels}, {"depths": depth}, params | stacked)
-    for level in range(1, levels):
-        size = width >> level, (height >> level) * layers
-        device.dispatch(COARSER, size, {"texels": texels}, {}, params | {"level": (level,)})
-    first = _map_variant(PYRAMID_BASE, view.orthographic)
-    device.dispatch(
-        first, (width, height), {"pyramid": pyramid}, {"texels": texels}, params | {"level": (0,)}
-    )
-    for level in range(1, nodes):
-        size = -(-width // (1 << level)), -(-height // (1 << level))
-        device.dispatch(PYRAMID, size, {"pyramid": pyramid}, {}, params | {"level": (level,)})
     across, along = -(-width // BLOCK), -(-height // BLOCK)
     # In map.glsl's layout a level may start a block later than the halves before it end.
     blocks = device.new_image((layers * (along + along // 2 + 1), across + levels, 4), np.uint32)
-    for level in range(levels):
-        size = -(-(width >> level) // BLOCK), -(-(height >> level) // BLOCK) * layers
-        device.dispatch(BLOCKS, size, {"blocks": blocks}, {"texels": texels}, params | {"level": (level,)})
+    params = {
+        "map": (width, height, layers, columns),
+        "bias": (gradient_scale, min(gradient_cap_m, LARGEST), levels, nodes),
+        "depths": (depth.columns,),
+    }
+    shader = _map_variant(PREPARE, view.orthographic)
+    device.dispatch(
+        shader, (pairs, height), {"texels": texels, "pyramid": pyramid}, {"depths": depth}, params
+    )
+    if levels > 1:
+        size = pairs + levels, height // 2 * layers
+        device.dispatch(COARSER, size, {"texels": texels}, {}, params)
+    for level in range(1, nodes):
+        size = -(-width // (1 << level)), -(-height // (1 << level))
+        device.dispatch(PYRAMID, size, {"pyramid": pyramid}, {}, params | {"level": (level,)})
+    size = across + levels, along + along // 2 + 1
+    device.dispatch(BLOCKS, size, {"blocks": blocks}, {"texels": texels}, params)
     return {"texels": texels, "pyramid": pyramid, "blocks": blocks, "view": view, "params": params}
 
 
@@ -287,7 +273,7 @@ def receivers(device, surface, visibility, receivers: frozenset[int]):
 
 def _first_rows(device):
     def make():
-        rows = device.new_image((SAMPLES + 1, 2, 4), np.uint32)
+        rows = device.new_image((SAMPLES + 1, SAMPLES // 32, 2), np.uint32)
         device.dispatch(FIRST_ROWS, rows.size, {"rows": rows})
         return rows
 

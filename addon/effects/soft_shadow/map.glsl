@@ -3,11 +3,10 @@
 // Depths are kept as `rise`, a number that grows towards the light and is linear over planes: 1/depth in a
 // perspective view, -depth in an orthographic one.
 //
-// `texels` has a cell a layer, params.map.w cells side by side. Level 0 of a cell is w x h; above it lie the
-// coarser levels in a row, so that a cell is h / 2 higher. A texel holds the bits of its rise, and its tilt.
-// `pyramid` is one such cell of (largest rise, largest biased rise), its sizes rounded up. `blocks` has cells above each
-// other, with levels in blocks of texels: the bits of the highest and the lowest rise, of the rise in the middle of a
-// plane that just clears the highest, and that plane's tilt.
+// `texels` has a cell a layer, params.map.w cells side by side, with two neighbouring texels in each of its own: the
+// bits of their rises, and their tilts. `pyramid` is one cell of (largest rise, largest biased rise), its sizes rounded
+// up. `blocks` has cells above each other, with levels in blocks of texels: the bits of the highest and the lowest rise,
+// of the rise in the middle of a plane that just clears the highest, and that plane's tilt.
 #include "tables.glsl"
 
 #define EMPTY uintBitsToFloat(0xff800000u)
@@ -40,22 +39,41 @@ ivec2 level_size(int level)
   return map_size() >> level;
 }
 
-// First texel of a level in a layer's cell.
-ivec2 level_place(int layer, int level)
+// Where a level begins in a cell: above level 0, of this size, the coarser ones lie in a row.
+ivec2 level_place(ivec2 finest, int level)
 {
-  ivec2 size = map_size();
-  int columns = int(params.map.w);
-  ivec2 cell = ivec2(size.x, size.y + (size.y >> 1)) * ivec2(layer % columns, layer / columns);
-  return level == 0 ? cell : cell + ivec2(size.x - (size.x >> (level - 1)), size.y);
+  return level == 0 ? ivec2(0) : ivec2(finest.x - (finest.x >> (level - 1)) + level - 1, finest.y);
 }
 
-// The same place in the next layer's cell.
-ivec2 next_layer(ivec2 texel)
+// The level that a place in a cell belongs to, if any.
+int level_at(ivec2 finest, ivec2 place)
 {
-  ivec2 size = map_size();
-  int right = size.x * int(params.map.w);
-  int x = texel.x + size.x;
-  return x < right ? ivec2(x, texel.y) : ivec2(x - right, texel.y + size.y + (size.y >> 1));
+  int level = place.y < finest.y ? 0 : 1;
+  while (level > 0 && level + 1 < int(params.bias.z) && place.x >= level_place(finest, level + 1).x) {
+    level++;
+  }
+  return level;
+}
+
+ivec2 pair_count(int level)
+{
+  ivec2 size = level_size(level);
+  return ivec2((size.x + 1) >> 1, size.y);
+}
+
+// First pair of texels of a level of a layer.
+ivec2 pair_place(int layer, int level)
+{
+  ivec2 finest = pair_count(0);
+  int columns = int(params.map.w);
+  ivec2 cell = ivec2(finest.x + int(params.bias.z), finest.y + (finest.y >> 1));
+  return cell * ivec2(layer % columns, layer / columns) + level_place(finest, level);
+}
+
+// Of a pair the texel in an even or in an odd column.
+uvec2 one_of(uvec4 pair, int column)
+{
+  return (column & 1) == 0 ? pair.xy : pair.zw;
 }
 
 ivec2 node_count(int level)
@@ -66,8 +84,7 @@ ivec2 node_count(int level)
 
 ivec2 node_place(int level)
 {
-  ivec2 size = map_size();
-  return level == 0 ? ivec2(0) : ivec2(size.x - (size.x >> (level - 1)) + level - 1, size.y);
+  return level_place(map_size(), level);
 }
 
 const int BLOCK = 8;
@@ -77,11 +94,16 @@ ivec2 block_count(int level)
   return (level_size(level) + BLOCK - 1) / BLOCK;
 }
 
+// A layer's cell is a block higher than its levels: one may start later than the halves before it end.
+int block_cell_height()
+{
+  int height = block_count(0).y;
+  return height + (height >> 1) + 1;
+}
+
 ivec2 block_place(int layer, int level)
 {
-  ivec2 size = block_count(0);
-  ivec2 cell = ivec2(0, (size.y + (size.y >> 1) + 1) * layer);
-  return level == 0 ? cell : cell + ivec2(size.x - (size.x >> (level - 1)) + level - 1, size.y);
+  return ivec2(0, block_cell_height() * layer) + level_place(block_count(0), level);
 }
 
 // Bias as a difference of rise: how far above a point a surface must be to shadow it. To first order
