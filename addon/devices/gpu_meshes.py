@@ -46,16 +46,17 @@ class MeshPlace:
 @dataclass(eq=False)
 class _Part:
     """A mesh as the tables hold it: `corners` and `vertices` (T, 3) of its triangles, sorted by material
-    slot; `corners` is None where they are all of them, in order."""
+    slot; `corners` is None where they are all of them, in order, `slots` where it has but one slot, and `order`,
+    the triangles' numbers before they were sorted, where they were not."""
 
     mesh: MeshArrays
     corners: np.ndarray | None
     vertices: np.ndarray
-    slots: np.ndarray
+    slots: np.ndarray | None
     centre: np.ndarray
     low: np.ndarray
     high: np.ndarray
-    order: np.ndarray
+    order: np.ndarray | None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -67,27 +68,24 @@ class _Part:
         return {"positions": vertices, "triangles": triangles}.get(name, 3 * triangles)
 
     def write(self, name: str, rows: np.ndarray) -> None:
-        """Its rows of a table into `rows` (N, columns) float32: straight into what is uploaded, since each
-        copy takes about as long as the upload."""
+        """Its rows of a table into `rows` (N, columns) float32, all zero: straight into what is uploaded, since
+        each copy takes about as long as the upload."""
         mesh = self.mesh
+        # Column by column: numpy takes five times as long for rows of three.
         if name == "positions":
-            # Column by column: numpy takes five times as long for rows of three.
             with np.errstate(invalid="ignore", over="ignore"):
                 for axis, centre in enumerate(self.centre.astype(np.float32)):
                     np.subtract(mesh.positions[:, axis], centre, out=rows[:, axis])
-            rows[:, 3] = 0.0
         elif name == "triangles":
             for corner in range(3):
                 rows[:, corner] = self.vertices[:, corner]
-            rows[:, 3] = self.order
+            rows[:, 3] = np.arange(len(rows), dtype=np.float32) if self.order is None else self.order
         else:
             values = getattr(mesh, name)
-            if values is None:
-                rows[:] = 0.0
-            else:
-                width = values.shape[1]
-                rows[:, :width] = values if self.corners is None else values[self.corners.reshape(-1)]
-                rows[:, width:] = 0.0
+            if values is not None:
+                corners = slice(None) if self.corners is None else self.corners.reshape(-1)
+                for column in range(values.shape[1]):
+                    rows[:, column] = values[corners, column]
 
 
 class GpuMeshes:
@@ -158,8 +156,7 @@ def _uploaded(device, name: str, parts: list[_Part]) -> GpuImage:
     counts = [part.row_count(name) for part in parts]
     total = sum(counts)
     height = max(1, -(-total // TABLE_WIDTH))
-    rows = np.empty((height * TABLE_WIDTH, TABLES[name]), np.float32)
-    rows[total:] = 0.0
+    rows = np.zeros((height * TABLE_WIDTH, TABLES[name]), np.float32)
     first = 0
     for part, count in zip(parts, counts, strict=True):
         part.write(name, rows[first : first + count])
@@ -173,8 +170,7 @@ def _part_of(mesh: MeshArrays) -> _Part:
     vertices = mesh.corner_vertices.reshape(-1, 3) if corners is None else mesh.corner_vertices[corners]
     if max(len(mesh.positions), len(vertices)) >= MOST_IN_A_MESH:
         raise ValueError(f"a mesh has more than {MOST_IN_A_MESH} vertices or triangles")
-    order = np.arange(len(vertices), dtype=np.int32)
-    slots = np.zeros(len(vertices), np.int32)
+    order = slots = None
     if mesh.face_slots is not None:
         slots = np.maximum(mesh.face_slots if faces is None else mesh.face_slots[faces], 0)
         order = np.argsort(slots, kind="stable")
@@ -200,9 +196,15 @@ def _extent(positions: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _box(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    columns = [points[:, axis] for axis in range(3)]
-    low, high = [column.min() for column in columns], [column.max() for column in columns]
-    return np.array(low, np.float64), np.array(high, np.float64)
+    """Of (N, 3). Many points side by side, since numpy is slow along rows of three."""
+    whole = len(points) // 64 * 64
+    wide, rest = points[:whole].reshape(-1, 3 * 64), points[whole:]
+
+    def extreme(which, initial: float) -> np.ndarray:
+        few = which(wide, axis=0, initial=initial).reshape(-1, 3)
+        return which(np.concatenate([few, rest]), axis=0).astype(np.float64)
+
+    return extreme(np.min, np.inf), extreme(np.max, -np.inf)
 
 
 def _triangles_of(mesh: MeshArrays) -> tuple[np.ndarray | None, np.ndarray | None]:
@@ -219,15 +221,18 @@ def _triangles_of(mesh: MeshArrays) -> tuple[np.ndarray | None, np.ndarray | Non
 def _places_of(parts: list[_Part]) -> list[MeshPlace]:
     places, vertex, triangle = [], 0, 0
     for part in parts:
-        slots = _slot_ranges(part.slots, triangle)
-        places.append(MeshPlace(part.centre, part.low, part.high, vertex, triangle, slots))
+        places.append(
+            MeshPlace(part.centre, part.low, part.high, vertex, triangle, _slot_ranges(part, triangle))
+        )
         vertex += part.shape[0]
         triangle += part.shape[1]
     return places
 
 
-def _slot_ranges(slots: np.ndarray, first_triangle: int) -> tuple[tuple[int, int, int], ...]:
-    """Slot, first triangle and count, of sorted `slots`."""
-    found, starts, counts = np.unique(slots, return_index=True, return_counts=True)
+def _slot_ranges(part: _Part, first_triangle: int) -> tuple[tuple[int, int, int], ...]:
+    """Slot, first triangle and count of each slot in use."""
+    if part.slots is None:
+        return ((0, first_triangle, len(part.vertices)),) if len(part.vertices) else ()
+    found, starts, counts = np.unique(part.slots, return_index=True, return_counts=True)
     parts = zip(found.tolist(), starts.tolist(), counts.tolist(), strict=True)
     return tuple((slot, first_triangle + start, count) for slot, start, count in parts)
