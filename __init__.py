@@ -6,13 +6,14 @@ from __future__ import annotations
 def _modules() -> tuple:
     """What registers, in order. Imported here: without Blender the package is importable too."""
     from .addon import preview
+    from .addon.devices import start as devices
     from .addon.engine import engine
     from .addon.ui import panels, properties
     from .ops import bake, command, compositor, ramp
     from .ops import preview as preview_operators
 
     operators = bake, compositor, preview_operators, ramp
-    return properties, preview, engine, *operators, panels, command
+    return devices, properties, preview, engine, *operators, panels, command
 
 
 def register() -> None:

@@ -6,6 +6,7 @@ BLENDER_USER_RESOURCES has to name an empty folder.
 """
 
 import gc
+import importlib
 import os
 import sys
 import threading
@@ -14,7 +15,11 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import bpy
+import numpy as np
 from bpy.utils import previews
+
+sys.path.append(str(Path(__file__).resolve().parent))
+from gpu_objects import GpuObjects  # noqa: E402
 
 MODULE = "bl_ext.user_default.strata"
 ROUNDS = 20
@@ -64,12 +69,46 @@ def resident_mb() -> float:
         return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
+def start_gpu():
+    """A GPU device of the extension, or None where there is no GPU and none is expected."""
+    devices = importlib.import_module(f"{MODULE}.addon.devices.gpu")
+    try:
+        return devices.GpuDevice()
+    except devices.DeviceUnavailable:
+        if os.environ.get("STRATA_EXPECT_GPU") == "1":
+            raise
+        print("no GPU here")
+        return None
+
+
+def check_gpu_is_left(scene) -> None:
+    """A bake on the GPU, with all that it keeps for the next one; then off, and nothing of it is held any more."""
+    import addon_utils
+
+    if start_gpu() is None:
+        return
+    with GpuObjects() as objects:
+        scene.strata.backend = "gpu"
+        assert bpy.ops.strata.bake() == {"FINISHED"}
+        scene.strata.backend = "cpu"
+        assert objects.made > 50, f"only {objects.made} objects on the GPU: did the bake run there?"
+        assert objects.held(), "nothing is kept for the next bake"
+        addon_utils.disable(MODULE)
+        assert not objects.held(), objects.held()
+        print(f"{objects.made} GPU objects made, none left")
+    assert addon_utils.enable(MODULE) is not None
+
+
 def check_many_rounds(before: dict[str, list[str]]) -> None:
-    """Disabling and enabling, as Blender's Reload Scripts does it, keeps nothing and needs no more memory."""
+    """Disabling and enabling, as Blender's Reload Scripts does it, keeps nothing and needs no more memory; with
+    something on the GPU each time."""
     import addon_utils
 
     settled = 0.0
     for number in range(ROUNDS):
+        if device := start_gpu():
+            device.kept("check", lambda device=device: device.upload(np.ones((512, 1024), np.float32)))
+            device.finish()
         addon_utils.disable(MODULE)
         assert registered() == before, f"round {number}"
         assert not strata_subclasses(), strata_subclasses()
@@ -126,6 +165,7 @@ def check(archive: str, scene: str, output: str) -> None:
         assert addon_utils.enable(MODULE) is not None
         assert hasattr(bpy.context.scene, "strata")
         sys.modules[MODULE].register()  # twice in a row changes nothing
+    check_gpu_is_left(bpy.context.scene)
     check_many_rounds(before)
     addon_utils.disable(MODULE)
     sys.modules[MODULE].unregister()

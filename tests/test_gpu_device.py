@@ -8,14 +8,18 @@ import sys
 
 import numpy as np
 import pytest
-from gpu_scenes import gpu_device, share_beyond
+from gpu_objects import GpuObjects
+from gpu_scenes import gpu_device, scene_of, share_beyond, triangle_mesh
 from strata.addon.core import shader as shaders
 from strata.addon.core.errors import Cancelled, DeviceUnavailable, ShaderError
 from strata.addon.core.shader import Shader, shader_text
+from strata.addon.core.view import View
+from strata.addon.devices import start
 from strata.addon.devices.gpu import GpuDevice
 from strata.addon.devices.gpu_image import stack_columns
 from strata.addon.devices.gpu_programs import all_shaders
 from strata.addon.effects.shared.gpu_steps import UNSORT
+from strata.addon.effects.shared.steps import LAYERED_DEPTH
 
 VALUES = {
     "numbers": np.linspace(-3, 5, 35, dtype=np.float32).reshape(5, 7),
@@ -169,6 +173,7 @@ def test_leaving_with_gpu_objects_alive_is_no_crash():
     gpu_device()
     program = """
 import bpy, numpy, sys
+from strata.addon.devices import start
 from strata.addon.devices.gpu import GpuDevice
 from strata.addon.effects.shared.gpu_steps import UNSORT
 sys.modules["keeps"] = device = GpuDevice()
@@ -176,3 +181,26 @@ device.kept_here = device.upload(numpy.zeros((4, 4), numpy.float32)), device.com
 device.finish()
 """
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+def test_switching_off_frees_every_gpu_object():
+    gpu_device()
+    triangles = np.random.default_rng(9).normal(size=(40, 3, 3))
+    with GpuObjects() as objects:
+        device = GpuDevice()
+        device.set_scene(*scene_of([triangle_mesh(triangles)]))
+        geometry = device.geometry()
+        held = device.upload(VALUES["colours"]), device.compile(UNSORT.defining("HELD 1")) and None
+        view = View((0, 0, 9), (1, 0, 0), (0, 1, 0), (0, 0, -1), (-1, 1, -1, 1), 0.1, 99.0)
+        depths = LAYERED_DEPTH.gpu(device, geometry, view, frozenset({0}), 2, 16, 16)
+        device.finish()
+        assert objects.made > 10
+        kinds = set(objects.held())
+        assert {"GPUTexture", "GPUShader", "GPUVertBuf"} <= kinds
+        start.unregister()
+        assert objects.held() == []
+        # All is made anew when it is asked for.
+        device.set_scene(*scene_of([triangle_mesh(triangles)]))
+        again = LAYERED_DEPTH.gpu(device, device.geometry(), view, frozenset({0}), 2, 16, 16)
+        assert np.isfinite(device.to_host(again)).any()
+        device.release([held, depths, again])

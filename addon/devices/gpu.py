@@ -62,6 +62,8 @@ class GpuDevice:
         self._images: WeakSet[GpuImage] = WeakSet()
         self._gpu = _started()
         _alive.add(self)
+        atexit.unregister(free_all)  # once, and anew after free_all
+        atexit.register(free_all)
         platform = self._gpu.platform
         self.renderer = platform.renderer_get()
         self.description = f"{self.renderer}, {platform.backend_type_get()}"
@@ -184,6 +186,14 @@ class GpuDevice:
         mask = np.zeros(len(self._outline.instances), np.uint8)
         mask[sorted(instances)] = 1
         return mask
+
+    def free(self) -> None:
+        """Lets go of everything on the GPU, also of values that others hold still."""
+        self._kept.clear()
+        self._textures.clear()
+        self._vertices, self._vertex_count, self._meshes = None, 0, None
+        for image in self._images:
+            image.texture = None
 
     # Work
 
@@ -320,15 +330,12 @@ class GpuDevice:
 _alive: WeakSet[GpuDevice] = WeakSet()
 
 
-@atexit.register
-def _forget() -> None:
-    """Lets go of everything on the GPU: Blender ends its context before Python's last objects, and what is
-    freed after that crashes it."""
+def free_all() -> None:
+    """Lets go of everything on the GPU that devices hold; they make anew what they are asked for after it. To be
+    called before Blender ends its context, since what is freed later crashes it, and when Strata is switched off."""
+    atexit.unregister(free_all)
     for device in _alive:
-        device._kept.clear()
-        device._vertices = None
-        for image in device._images:
-            image.texture = None
+        device.free()
     GpuDevice._programs.clear()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 
 from ..core.device import Device
@@ -39,3 +40,13 @@ def start_devices(backend: str = "auto") -> Devices:
     if backend == "auto" and gpu.is_software:
         return Devices(cpu, cpu, f"the GPU is emulated in software ({gpu.description})")
     return Devices(gpu, cpu, gpu.description if backend == "auto" else "asked for")
+
+
+def register() -> None:
+    """Nothing: devices start when they are asked for."""
+
+
+def unregister() -> None:
+    """Frees what GPU devices hold."""
+    if used := sys.modules.get(f"{__package__}.gpu"):
+        used.free_all()
