@@ -19,7 +19,7 @@ import numpy as np
 from bpy.utils import previews
 
 sys.path.append(str(Path(__file__).resolve().parent))
-from gpu_objects import GpuObjects  # noqa: E402
+from gpu_objects import GpuObjects
 
 MODULE = "bl_ext.user_default.strata"
 ROUNDS = 20
@@ -82,7 +82,7 @@ def start_gpu():
 
 
 def check_gpu_is_left(scene) -> None:
-    """A bake on the GPU, with all that it keeps for the next one; then off, and nothing of it is held any more."""
+    """A bake on the GPU, which keeps some for the next one; then off, and nothing of it is held any more."""
     import addon_utils
 
     if start_gpu() is None:
@@ -100,8 +100,8 @@ def check_gpu_is_left(scene) -> None:
 
 
 def check_many_rounds(before: dict[str, list[str]]) -> None:
-    """Disabling and enabling, as Blender's Reload Scripts does it, keeps nothing and needs no more memory; with
-    something on the GPU each time."""
+    """Disabling and enabling, as Blender's Reload Scripts does it, keeps nothing and needs no more memory,
+    though there is something on the GPU each time."""
     import addon_utils
 
     settled = 0.0

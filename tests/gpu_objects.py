@@ -1,4 +1,4 @@
-"""Counts what is held of the GPU. Needs nothing but Blender: extension_check.py uses it where only the zip is."""
+"""Counts what is held of the GPU. Needs nothing but Blender, for extension_check.py."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ TYPES = (
 
 
 class GpuObjects:
-    """Watches Blender's gpu module make objects, in a with statement. Those types cannot be referred to weakly, so
-    each is kept here, and counts as held where anybody else refers to it too."""
+    """Watches Blender's gpu module make objects, in a with statement. Nothing can refer to those weakly,
+    so each is kept here, and counts as held where anybody else refers to it too."""
 
     def __init__(self):
         self.made = 0

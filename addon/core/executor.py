@@ -254,10 +254,14 @@ class Executor:
         return self.primary if self._usable(node, self.primary) else self.fallback
 
     def _usable(self, node: Node, device: Device) -> bool:
-        return node.step.twin(device.name) is not None and (device.name, node.step.name) not in self._broken
+        """Whether the node can run there, with all its inputs that cannot be moved there."""
+        runs = node.step.twin(device.name) is not None and (device.name, node.step.name) not in self._broken
+        return runs and all(item.step.copyable or self._usable(item, device) for item in node.inputs)
 
     def _run(self, node: Node, device: Device) -> Any:
         inputs = [self.value(item, device) for item in node.inputs]
+        if not self._usable(node, device):
+            return self._fallen_back(node, device)  # an input has just failed
         graph, chunk = self._now.graph, self._now.chunk
         extra: dict[str, Any] = {}
         if graph is not None and node == graph.surface:
@@ -278,10 +282,15 @@ class Executor:
             self.execution.warnings.append(
                 f"step '{node.step.name}' failed on {device.name} and ran on {self.fallback.name}: {error}"
             )
-            return device.from_host(self.fallback.to_host(self.value(node, self.fallback)))
+            return self._fallen_back(node, device)
         compiling = device.compile_seconds - compiling
         self._time(node, device.name, time.perf_counter() - started - compiling)
         return value
+
+    def _fallen_back(self, node: Node, device: Device) -> Any:
+        """The fallback's value for `device`; None where it cannot be moved: then what reads it runs there."""
+        value = self.value(node, self.fallback)
+        return device.from_host(self.fallback.to_host(value)) if node.step.copyable else None
 
     def _time(self, node: Node, device: str, seconds: float) -> None:
         self.execution.add_time(node, device, seconds)

@@ -331,8 +331,9 @@ _alive: WeakSet[GpuDevice] = WeakSet()
 
 
 def free_all() -> None:
-    """Lets go of everything on the GPU that devices hold; they make anew what they are asked for after it. To be
-    called before Blender ends its context, since what is freed later crashes it, and when Strata is switched off."""
+    """Lets go of everything on the GPU that devices hold; they make anew what they are asked for after
+    it. To be called when Strata is switched off, and before Blender ends its context: what is freed later
+    crashes it."""
     atexit.unregister(free_all)
     for device in _alive:
         device.free()

@@ -46,8 +46,8 @@ class MeshPlace:
 @dataclass(eq=False)
 class _Part:
     """A mesh as the tables hold it: `corners` and `vertices` (T, 3) of its triangles, sorted by material
-    slot; `corners` is None where they are all of them, in order, `slots` where it has but one slot, and `order`,
-    the triangles' numbers before they were sorted, where they were not."""
+    slot; `corners` is None where they are all of them, in order, `slots` where there is but one, and
+    `order`, the triangles' numbers before they were sorted, where they were not."""
 
     mesh: MeshArrays
     corners: np.ndarray | None
@@ -68,8 +68,8 @@ class _Part:
         return {"positions": vertices, "triangles": triangles}.get(name, 3 * triangles)
 
     def write(self, name: str, rows: np.ndarray) -> None:
-        """Its rows of a table into `rows` (N, columns) float32, all zero: straight into what is uploaded, since
-        each copy takes about as long as the upload."""
+        """Its rows of a table into `rows` (N, columns) float32, all zero: straight into what is uploaded,
+        since each copy takes about as long as the upload."""
         mesh = self.mesh
         # Column by column: numpy takes five times as long for rows of three.
         if name == "positions":
