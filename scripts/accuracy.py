@@ -16,7 +16,7 @@ from benchmark.sections import read_sections
 sys.path.append(str(ROOT / "tests"))  # the closed forms live with the tests
 
 import demo
-from benchmark import against_cycles, fringe, plates, units
+from benchmark import against_cycles, fringe, plates, toon_errors, units
 
 DOCUMENT = ROOT / "docs" / "accuracy.md"
 METHODS = ("bitmask", "hybrid", "area")
@@ -99,7 +99,18 @@ def radiance(quick: bool) -> str:
     )
 
 
-SECTIONS = {"courtyard": courtyard, "plates": closed_forms, "fringes": fringes, "radiance": radiance}
+def toon_shading(quick: bool) -> str:
+    """Masks at their edges, and lines around a turntable."""
+    return f"### Toon\n\n{toon_errors.masks(open_sample('comic'), quick)}\n\n{toon_errors.evenness(quick)}"
+
+
+SECTIONS = {
+    "courtyard": courtyard,
+    "plates": closed_forms,
+    "fringes": fringes,
+    "radiance": radiance,
+    "toon": toon_shading,
+}
 
 
 def main() -> None:

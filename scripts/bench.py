@@ -59,7 +59,7 @@ def run_idle(folder: Path, quick: bool) -> str:
 
 def run_toon(folder: Path, quick: bool) -> str:
     """Toon shading."""
-    return toon.tables(scenes.open_sample("comic"), quick)
+    return toon.speed(scenes.open_sample("comic"), quick)
 
 
 def run_volumetric(folder: Path, quick: bool) -> str:

@@ -113,12 +113,12 @@ def test_the_seed_chooses_the_probes():
 
 def test_looking_and_measuring_come_in_slices():
     outline, arrays = random_scene(1)
-    job = job_of(replace(outline, frame_size=(1200, 1200)), arrays, probes=2048)
+    job = job_of(replace(outline, frame_size=(1600, 1600)), arrays, probes=2048)
     stages = []
     while job._result is None:
         next(job._work, None)
         stages.append(job.stage)
-    assert stages.count("Starting") >= 3  # a 300 x 300 look in strips
+    assert stages.count("Starting") >= 3  # a 400 x 400 look in strips
     assert stages.count("Measuring") >= 10
 
 

@@ -7,6 +7,7 @@ import math
 import bpy
 import numpy as np
 import pytest
+from mask_errors import edge_errors
 from strata.addon.bake import Options, bake, read_scene
 from strata.addon.core.ramp import Ramp
 from strata.addon.ui import properties
@@ -228,3 +229,19 @@ def test_a_wrong_layer_is_found_out(stage):
         reference._mixed = right
     error = next(layer for layer in result.layers.report["layers"] if layer["name"] == "Toon")["error"]
     assert error["mean_absolute_error"] > 0.02
+
+
+def test_edges_are_right_to_an_eighth(stage):
+    """Every pixel whose samples are not all the same, against 64 samples: how many are off by over 1/8. Of
+    straight edges in all places and directions the pattern of eight samples gets 5.8% wrong by that, that of
+    sixteen 0.2%."""
+    for name in ("Left", "Right"):
+        bpy.data.objects[name].scale = (1.3, 1.3, 1.3)
+    options = Options(("toon",), values={"toon": {"shadows": False}})
+    *read, _ = read_scene(stage, stage.view_layers[0], options, size=(320, 240))
+    found = edge_errors(read, [8, 16])
+    for layer in ("Toon", "Toon Halftone", "Toon Outline"):
+        assert found[layer, 8].edges > 0.01
+        assert found[layer, 8].wrong <= 0.058, layer
+        assert found[layer, 16].wrong <= 0.005, layer
+        assert found[layer, 16].mean < 0.8 * found[layer, 8].mean

@@ -170,9 +170,8 @@ def _dots(s: float, cell: float, angle: float = 0.0, samples: int = 1, side: int
     outline = Outline("Scene", "View Layer", 1, (side, side), CAMERA, pixel_filter=box)
     chunk = Chunk(side, side, 0, side, 0, (0.0, 0.0), samples)
     nothing = np.zeros((side, side), np.float32)
-    position = np.zeros((side, side, 3), np.float32)
     paper = kernels.toon_halftone(
-        nothing, position, nothing.astype(np.int32), packed_pattern(chunk, **settings(params, outline)),
+        nothing, nothing.astype(np.int32), packed_pattern(chunk, **settings(params, outline)),
         b"\1", np.zeros((1, 12), np.float32),
     )  # fmt: skip
     return 1.0 - paper
@@ -226,7 +225,7 @@ def test_dots_end_at_the_cutoff_and_fade_with_distance():
         pattern = packed_pattern(chunk, **settings(ToonParams(**values), outline))
         instance = np.zeros((64, 64), np.int32)
         return 1.0 - kernels.toon_halftone(
-            light, position, instance, pattern, b"\1", np.zeros((1, 12), np.float32)
+            light, instance, pattern, b"\1", np.zeros((1, 12), np.float32), position
         )
 
     sized = ink(halftone_scale=2.0, halftone_cutoff=1.0)
@@ -256,8 +255,8 @@ def test_dots_stay_on_a_surface_that_the_camera_passes():
         chunk = Chunk(200, 200, 0, 200, 0, (0.0, 0.0))
         images.append(
             kernels.toon_halftone(
-                np.zeros((200, 200), np.float32), position, np.zeros((200, 200), np.int32),
-                packed_pattern(chunk, **settings(params, outline)), b"\1", row, normal,
+                np.zeros((200, 200), np.float32), np.zeros((200, 200), np.int32),
+                packed_pattern(chunk, **settings(params, outline)), b"\1", row, position, normal,
             )
         )  # fmt: skip
     # 0.3 m are 30 pixels at 2 m.

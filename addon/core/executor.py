@@ -37,8 +37,9 @@ class Timing:
 @dataclass
 class Execution:
     """What came out. `images`: (height, width[, channels]) float32 by layer name, row 0 at the bottom.
-    `spread`: the same shape, the mean over pixels' samples of the squared deviation from their mean. Until
-    the end, both are sums; `samples` counts those that the whole image has (with a progressive sampling)."""
+    `spread`: the same shape, the mean over pixels' samples of the squared deviation from their mean; empty
+    for one sample, which tells nothing of it. Until the end, both are sums; `samples` counts those that the
+    whole image has (with a progressive sampling)."""
 
     images: dict[str, np.ndarray] = field(default_factory=dict)
     timings: dict[tuple[str, str], Timing] = field(default_factory=dict)
@@ -141,9 +142,9 @@ class Executor:
         finally:
             self._drop_passing(context)
             self._trim()
-        for name, image in context.execution.images.items():
+        for name, spread in context.execution.spread.items():
+            image = context.execution.images[name]
             image /= np.float32(sampling.samples)
-            spread = context.execution.spread[name]
             spread /= np.float32(sampling.samples)
             np.maximum(spread - image * image, 0.0, out=spread)
 
@@ -304,9 +305,12 @@ class Executor:
             shape = (sampling.height, *tile.shape[1:])
             rows = slice(chunk.y0, chunk.y1)
             image = self.execution.images.setdefault(layer.name, np.zeros(shape, np.float32))
-            spread = self.execution.spread.setdefault(layer.name, np.zeros(shape, np.float32))
-            image[rows] += tile
-            spread[rows] += tile * tile
+            if sampling.samples == 1:
+                image[rows] = tile
+            else:
+                spread = self.execution.spread.setdefault(layer.name, np.zeros(shape, np.float32))
+                image[rows] += tile
+                spread[rows] += tile * tile
             self.execution.add_time(layer.node, device.name, time.perf_counter() - started, runs=0)
         if collector is not None and chunk.sample == 0:
             device = self._home(graph.surface)

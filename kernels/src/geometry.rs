@@ -2,11 +2,12 @@
 //!
 //! Matrices are composed per eye in float64 and only then rounded, so that 1e7 m away is exact.
 
+use crate::topology::Topology;
 use crate::triangulate::{checked_corners, triangulate};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Triangles in object space. Corners, not vertices, carry normals and uv.
 pub struct Mesh {
@@ -21,9 +22,15 @@ pub struct Mesh {
     pub corner_uvs: Vec<[f32; 2]>,
     /// Material slot of each triangle; empty: slot 0 throughout.
     pub triangle_slots: Vec<u32>,
+    topology: OnceLock<Topology>,
 }
 
 impl Mesh {
+    /// What touches what; worked out once for all the geometries that hold the mesh.
+    pub fn topology(&self) -> &Topology {
+        self.topology.get_or_init(|| Topology::of(self))
+    }
+
     pub fn triangle_positions(&self, triangle: usize) -> [[f32; 3]; 3] {
         self.triangles[triangle].map(|corner| self.positions[self.corner_vertices[corner as usize] as usize])
     }
@@ -181,6 +188,7 @@ impl SharedMesh {
             corner_normals,
             corner_uvs,
             triangle_slots,
+            topology: OnceLock::new(),
         });
         Ok(SharedMesh { mesh })
     }

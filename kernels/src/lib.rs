@@ -11,6 +11,7 @@ pub mod raster;
 pub mod rays;
 pub mod soft_shadow;
 pub mod toon;
+mod topology;
 pub mod triangulate;
 pub mod vector;
 pub mod view;

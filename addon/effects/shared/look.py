@@ -22,8 +22,9 @@ MARGIN, REACH = 0.25, 2.0
 """A box grows on each side by this share of itself and by so many of the look's pixels."""
 
 
-STRIP_PIXELS = 1 << 15
-"""Of the look, rasterised between two yields."""
+STRIP_PIXELS = 1 << 17
+"""Of the look, rasterised between two yields: a few hundredths of a second. Every strip sets all triangles up
+again."""
 
 
 def seen_boxes(device, geometry, outline: Outline, visible: frozenset[int]) -> np.ndarray:
@@ -39,39 +40,48 @@ def look(device, geometry, outline: Outline, visible: frozenset[int]) -> Generat
     width, height = (-(-side // COARSER) for side in outline.computed_size)
     attributes = frozenset({"position", "depth", "instance"})
     rows = max(STRIP_PIXELS // width // TILE, 1) * TILE
-    boxes, hit_instances = [], set()
+    boxes, is_hit = [], np.zeros(len(outline.instances) + 1, bool)
     for y0 in range(0, height, rows):
         chunk = Chunk(width, height, y0, min(y0 + rows, height), 0, (0.0, 0.0))
         surface = SURFACE.cpu(
             device, geometry, view=outline.view, visible=visible, chunk=chunk, attributes=attributes
         )
-        boxes += _boxes(surface, outline, width)
-        hit_instances.update(np.unique(surface["instance"]).tolist())
+        boxes.append(_boxes(surface, outline, width))
+        is_hit[surface["instance"].reshape(-1)] = True  # -1, where nothing is, is the last place
         yield
-    if not boxes:
-        return np.zeros((0, 2, 3))
-    boxes = np.array(boxes, np.float64)
-    missed = sorted(visible - hit_instances)
+    boxes = np.concatenate(boxes)
+    if not len(boxes):
+        return boxes
+    missed = sorted(visible - frozenset(np.flatnonzero(is_hit[:-1]).tolist()))
     thin = boxes_of(outline)[missed]
     size = np.ptp(around(boxes), axis=0).max()
     return np.concatenate([boxes, thin[np.ptp(thin, axis=1).max(axis=1) <= size]])
 
 
-def _boxes(surface: dict[str, np.ndarray], outline: Outline, width: int) -> list[tuple]:
-    """Around the points of each tile of a strip, low and high corners in world space."""
+def _boxes(surface: dict[str, np.ndarray], outline: Outline, width: int) -> np.ndarray:
+    """(N, 2, 3) float64 around the points of each tile of a strip that has any, low and high corners in world
+    space."""
+    depth = _tiles(surface["depth"], np.inf)
+    points = _tiles(surface["position"], np.nan)
+    shown = np.isfinite(depth).any(axis=1)
+    depth, points = depth[shown], points[shown]
+    hit = np.isfinite(depth)
+    low = np.where(hit[..., None], points, np.inf).min(axis=1).astype(np.float64)
+    high = np.where(hit[..., None], points, -np.inf).max(axis=1).astype(np.float64)
+    # What falls between the look's pixels, or a filter's width beside them.
     left, right, _, _ = outline.view.window
+    scale = np.ones(len(depth))
+    if not outline.view.orthographic:
+        scale = np.where(hit, depth, 0.0).max(axis=1).astype(np.float64)
+    margin = MARGIN * (high - low) + (REACH * (right - left) / width * scale)[:, None]
     eye = np.array(outline.view.eye)
-    boxes = []
-    for y in range(0, len(surface["depth"]), TILE):
-        for x in range(0, width, TILE):
-            tile = np.s_[y : y + TILE, x : x + TILE]
-            depth = surface["depth"][tile]
-            hit = np.isfinite(depth)
-            if hit.any():
-                points = surface["position"][tile][hit].astype(np.float64)
-                low, high = points.min(axis=0), points.max(axis=0)
-                # What falls between the look's pixels, or a filter's width beside them.
-                scale = 1.0 if outline.view.orthographic else float(depth[hit].max())
-                margin = MARGIN * (high - low) + REACH * (right - left) / width * scale
-                boxes.append((eye + low - margin, eye + high + margin))
-    return boxes
+    return np.stack([eye + low - margin, eye + high + margin], axis=1)
+
+
+def _tiles(image: np.ndarray, nothing: float) -> np.ndarray:
+    """(tiles, TILE * TILE[, channels]) of an image (h, w[, channels]), filled up at the top and the right."""
+    rows, columns = (-(-side // TILE) for side in image.shape[:2])
+    spare = ((0, rows * TILE - image.shape[0]), (0, columns * TILE - image.shape[1]))
+    image = np.pad(image, (*spare, *((0, 0),) * (image.ndim - 2)), constant_values=nothing)
+    tiles = image.reshape(rows, TILE, columns, TILE, *image.shape[2:]).swapaxes(1, 2)
+    return tiles.reshape(rows * columns, TILE * TILE, *image.shape[2:])

@@ -136,7 +136,8 @@ def facing(device, surface, *visibility, normal, lights, shadowed, linked):
     size = shape[::-1]
     summed = device.new_image((*shape, 2))
     for index, (light, shadow, receivers) in enumerate(zip(lights, shadowed, linked, strict=True)):
-        samplers = {"position": surface["position"], "normal": surface[normal]}
+        # Suns do not ask where a point is.
+        samplers = {"position": surface.get("position", surface[normal]), "normal": surface[normal]}
         table = None
         if shadow:
             samplers["visibility"] = next(images)
@@ -246,7 +247,8 @@ def halftone(device, surface, light, anchors, inked, chunk: Chunk, **pattern):
     table = device.upload_table(rows.reshape(-1, 4))
     numbers = packed_pattern(chunk, **pattern)
     samplers = {"light": light, "anchors": table}
-    samplers |= {name: surface[name] for name in ("position", "instance")}
+    # Dots on the screen that do not fade do not ask where a point is.
+    samplers |= {"position": surface.get("position", light), "instance": surface["instance"]}
     if pattern["anchor"] == "surface":
         samplers["geometric_normal"] = surface["geometric_normal"]
     params = {

@@ -1,6 +1,8 @@
 // Ink where the hull lies before every surface, and on inner lines: kernels/src/toon/outline.rs. Defines: LINES.
 #include "tables.glsl"
 
+const float CONTACT = 1e-6;  // kernels/src/raster/surface.rs
+
 void main()
 {
   ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
@@ -8,7 +10,7 @@ void main()
     return;
   }
   int which = -1;
-  if (texelFetch(hull_depth, pixel, 0).r < texelFetch(depth, pixel, 0).r) {
+  if (texelFetch(hull_depth, pixel, 0).r < texelFetch(depth, pixel, 0).r * (1.0 - CONTACT)) {
     which = int(texelFetch(hull_instance, pixel, 0).r);
   }
 #ifdef LINES

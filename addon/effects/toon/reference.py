@@ -95,6 +95,7 @@ def _light(rays: RayCaster, outline: Outline, params: ToonParams, seen: ViewRays
     light, full = np.zeros(len(seen)), np.zeros(len(seen))
     normals = _normals(params, surface)[found]
     world = seen.origins[found] + seen.distances[found, None] * seen.directions[found]
+    at = _points(surface, found, world, outline)
     for index, lamp in enumerate(outline.lights):
         power = max(float(np.dot((0.2126, 0.7152, 0.0722), lamp.intensity)), 0.0)
         if power <= 0.0 or (params.key_light and lamp.name != params.key_light):
@@ -102,9 +103,8 @@ def _light(rays: RayCaster, outline: Outline, params: ToonParams, seen: ViewRays
         reached = np.ones(len(found), bool)
         if lamp.receivers is not None:
             reached = np.isin(surface["instance"][found], sorted(lamp.receivers))
-        visible = _visible(rays, outline, params, lamp, surface, found, seed + index)
+        visible = _visible(rays, outline, params, lamp, at, seed + index)
         if params.light == Light.BRIGHTNESS:
-            at = _points(surface, found, outline)
             sent = rays.irradiance(lamp.emitter, at).astype(np.float64) * reached
             brightness = max(float(np.dot((0.2126, 0.7152, 0.0722), lit.brightness(lamp))), 0.0)
             light[found] += params.exposure * brightness / np.pi * sent * visible
@@ -139,20 +139,21 @@ def _facing(lamp: Lamp, power: float, world: np.ndarray, normals: np.ndarray):
     return power / distance**2, share
 
 
-def _points(surface, chosen, outline: Outline) -> SurfacePoints:
+def _points(surface, found, world: np.ndarray, outline: Outline) -> SurfacePoints:
+    """The points `found`, which lie at `world`; a normal that the graph did not ask for is the other one."""
+    eye = np.array(outline.view.eye)
     other = surface.get("geometric_normal", surface.get("shading_normal"))
-    columns = [surface.get(name, other) for name in ("position", "geometric_normal", "shading_normal")]
-    columns = [np.ascontiguousarray(column[chosen], np.float32) for column in columns]
-    return SurfacePoints(*columns, np.array(outline.view.eye))
+    normals = [surface.get(name, other)[found] for name in ("geometric_normal", "shading_normal")]
+    columns = [np.ascontiguousarray(column, np.float32) for column in (world - eye, *normals)]
+    return SurfacePoints(*columns, eye)
 
 
-def _visible(rays, outline, params, lamp, surface, chosen, seed) -> np.ndarray:
-    if not (params.shadows and lamp.casts_shadow and len(chosen)):
-        return np.ones(len(chosen))
+def _visible(rays, outline, params, lamp, points: SurfacePoints, seed) -> np.ndarray:
+    if not (params.shadows and lamp.casts_shadow and len(points.position)):
+        return np.ones(len(points.position))
     casters = np.array([i.casts_shadow for i in outline.instances], np.uint8)
     if lamp.casters is not None:
         casters[[i for i in range(len(casters)) if i not in lamp.casters]] = 0
-    points = _points(surface, chosen, outline)
     halves, _ = shadow_of(rays, ShadowLight(lamp.emitter, casters), points, SHADOW_RAYS // 2, seed)
     return halves.mean(axis=1)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.culling import around, boxes_of, receivers_in_view, unlit_reason
+from ...core.emitter import EmitterKind
 from ...core.graph import Node
 from ...core.outline import Outline
 from ...core.recorder import Recorder
@@ -71,7 +72,10 @@ def _light(recorder, outline, params, surface, normal, visible, region) -> tuple
         weights = tuple(params.exposure * _luminance_of_brightness(light) for light in lights)
         return recorder.step(steps.BRIGHTNESS, *inputs, weights=weights, shadowed=shadowed), casters
     linked = tuple(light.receivers for light in lights)
-    recorder.surface_with("position", *(["instance"] if any(r is not None for r in linked) else []))
+    if any(light.emitter.kind != EmitterKind.DISTANT_DISK for light in lights):
+        recorder.surface_with("position")
+    if any(receivers is not None for receivers in linked):
+        recorder.surface_with("instance")
     node = recorder.step(
         steps.FACING,
         surface,
@@ -154,9 +158,11 @@ def _no_dots(params: ToonParams) -> str | None:
 
 
 def _halftone(recorder, outline, params, light, excluded) -> Node:
-    attributes = ["position", "instance"]
+    attributes, settings = ["instance"], pattern.settings(params, outline)
     if params.halftone_anchor == Anchor.SURFACE:
-        attributes.append("geometric_normal")
+        attributes += ["position", "geometric_normal"]
+    elif settings["fade"][0]:
+        attributes.append("position")
     surface = recorder.surface_with(*attributes)
     inked = np.ones(len(outline.instances), np.uint8)
     inked[sorted(excluded)] = 0
@@ -166,7 +172,7 @@ def _halftone(recorder, outline, params, light, excluded) -> Node:
         light,
         anchors=pattern.anchors(params, outline),
         inked=inked.tobytes(),
-        **pattern.settings(params, outline),
+        **settings,
     )
 
 

@@ -20,7 +20,7 @@ def _facing(device, surface, *visibility, normal, lights, shadowed, linked):
         everything = frozenset(range(len(device.instance_mask(frozenset()))))
         receives = np.array([device.instance_mask(everything if i is None else i) for i in linked])
     return device.kernels.toon_facing(
-        surface["position"],
+        surface.get("position", surface[normal]),  # suns do not ask where a point is
         surface[normal],
         lights,
         [next(images) if shadow else None for shadow in shadowed],
@@ -86,11 +86,11 @@ def _halftone(device, surface, light, anchors, inked, chunk, **pattern):
     on_surface = pattern["anchor"] == "surface"
     return device.kernels.toon_halftone(
         light,
-        surface["position"],
         surface["instance"],
         packed_pattern(chunk, **pattern),
         inked,
         anchors,
+        surface["position"] if on_surface or pattern["fade"][0] else None,
         surface["geometric_normal"] if on_surface else None,
         cancel=device.cancel_flag,
     )
@@ -135,21 +135,19 @@ def _hull_geometry(device, hull):
 
 
 def _outline(device, surface, hull, *lines, view: View, colours, chunk):
-    seen = device.kernels.raster_surface(
+    inked = device.kernels.raster_before(
         hull,
         np.ones(hull.instance_count(), np.uint8),
         view.packed(),
         chunk.width,
         chunk.height,
+        surface["depth"],
         rows=(chunk.y0, chunk.y1),
         jitter=chunk.jitter,
-        attributes=["depth", "object_id"],
         cancel=device.cancel_flag,
     )
     return device.kernels.toon_outline(
-        surface["depth"],
-        seen["depth"],
-        seen["object_id"],
+        inked,
         colours,
         lines[0] if lines else None,
         surface["instance"] if lines else None,

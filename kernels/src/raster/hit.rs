@@ -27,15 +27,24 @@ impl<'a> Finder<'a> {
         }
     }
 
-    /// `id` counts triangles over all instances.
+    fn index(&self, id: u32) -> usize {
+        self.first_ids.partition_point(|&first| first <= id) - 1
+    }
+
+    /// Whose triangle `id` is, which counts triangles over all instances.
+    pub fn instance(&self, id: u32) -> &Instance {
+        &self.data.instances[self.index(id)]
+    }
+
     pub fn find(&self, id: u32) -> Hit<'_> {
-        let instance_index = self.first_ids.partition_point(|&first| first <= id) - 1;
+        let instance_index = self.index(id);
         let instance = &self.data.instances[instance_index];
         let to_eye = &self.to_eye[instance_index];
         let mesh = self.data.meshes[instance.mesh].as_ref();
         let triangle = (id - self.first_ids[instance_index]) as usize;
         let local = mesh.triangle_positions(triangle);
         let corners = local.map(|p| to_eye.point(p));
+        let sides = [sub(corners[1], corners[0]), sub(corners[2], corners[0])];
         Hit {
             instance_index,
             instance,
@@ -43,7 +52,8 @@ impl<'a> Finder<'a> {
             triangle,
             to_eye,
             corners,
-            sides: [sub(corners[1], corners[0]), sub(corners[2], corners[0])],
+            sides,
+            meeting: meeting(self.camera, corners[0], sides),
             normal: normalised(to_eye.normal(winding_normal(local))),
         }
     }
@@ -55,10 +65,8 @@ impl<'a> Finder<'a> {
         let cutout = &self.data.cutouts[hit.material() as usize];
         for (lane, depth) in depths.0.iter_mut().enumerate() {
             if depth.is_finite() {
-                let ray = self
-                    .camera
-                    .ray(pixel[0] + lane % BLOCK_WIDTH, pixel[1] + lane / BLOCK_WIDTH);
-                let weights = hit.weights(self.camera, &ray);
+                let at = [pixel[0] + lane % BLOCK_WIDTH, pixel[1] + lane / BLOCK_WIDTH];
+                let weights = hit.weights(self.camera, at);
                 if !cutout.is_opaque(hit.uv(weights)) {
                     *depth = f32::INFINITY;
                 }
@@ -76,6 +84,8 @@ pub struct Hit<'a> {
     to_eye: &'a Transform,
     corners: [Vec3; 3],
     sides: [Vec3; 2],
+    /// Of the pixel (1, x, y): weights of the second and the third corner, over the last row's value.
+    meeting: [Vec3; 3],
     /// Unit normal by the winding; None where the triangle has no area.
     normal: Option<Vec3>,
 }
@@ -85,26 +95,47 @@ fn normalised(v: Vec3) -> Option<Vec3> {
     (length.is_finite() && length > 0.0).then(|| scale(v, 1.0 / length))
 }
 
+/// What [`Hit::weights`] is worked out with: where a ray meets a triangle (Möller and Trumbore), of which every
+/// product but one with the pixel is the triangle's own.
+fn meeting(camera: &Camera, corner: Vec3, [a, b]: [Vec3; 2]) -> [Vec3; 3] {
+    let [right, up, forward] = camera.axes;
+    let ([x, y], [dx, dy]) = (camera.first, camera.step);
+    let linear = |origin: f64, of: Vec3| {
+        let (across, along) = (dot(right, of), dot(up, of));
+        [origin + x * across + y * along, dx * across, dy * along]
+    };
+    if camera.orthographic {
+        let (p, q) = (cross(forward, b), cross(a, forward));
+        [
+            linear(-dot(corner, p), p),
+            linear(-dot(corner, q), q),
+            [dot(a, p), 0.0, 0.0],
+        ]
+    } else {
+        let through = |of: Vec3| linear(dot(forward, of), of);
+        [cross(corner, b), cross(a, corner), cross(b, a)].map(through)
+    }
+}
+
 impl Hit<'_> {
     pub fn material(&self) -> u32 {
         let slot = self.mesh.triangle_slots.get(self.triangle).copied().unwrap_or(0);
         self.instance.material(slot)
     }
 
-    /// Weights of the corners where the ray meets the triangle (Möller and Trumbore). A pixel that only
-    /// snapping put inside gets the nearest point of the outline: weights never leave the triangle.
-    pub fn weights(&self, camera: &Camera, ray: &Ray) -> Vec3 {
-        let [a, b] = self.sides;
-        let p = cross(ray.direction, b);
-        let inverse = 1.0 / dot(a, p);
-        let t = sub(ray.origin, self.corners[0]);
-        let u = dot(t, p) * inverse;
-        let v = dot(ray.direction, cross(t, a)) * inverse;
+    /// Weights of the corners where a pixel's ray meets the triangle. A pixel that only snapping put inside
+    /// gets the nearest point of the outline: weights never leave the triangle.
+    #[inline(always)]
+    pub fn weights(&self, camera: &Camera, pixel: [usize; 2]) -> Vec3 {
+        let at = [1.0, pixel[0] as f64, pixel[1] as f64];
+        let [u, v, all] = self.meeting.map(|row| dot(row, at));
+        let inverse = 1.0 / all;
+        let (u, v) = (u * inverse, v * inverse);
         let weights = [1.0 - u - v, u, v];
         if weights.iter().all(|&w| w >= 0.0 && w.is_finite()) {
             weights
         } else {
-            self.nearest_on_outline(camera, ray)
+            self.nearest_on_outline(camera, &camera.ray(pixel[0], pixel[1]))
         }
     }
 

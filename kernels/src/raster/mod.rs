@@ -21,7 +21,7 @@ use crate::view::View;
 use bins::{Bins, Grid, bin_triangles, first_ids};
 use camera::Camera;
 use hit::Finder;
-use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
@@ -46,6 +46,17 @@ fn drawn(mask: &Bound<'_, PyAny>, data: &Data) -> PyResult<Vec<bool>> {
         )));
     }
     Ok(drawn)
+}
+
+/// The tiles of the rows asked for, of all where none are.
+fn grid_of(width: usize, height: usize, rows: Option<(usize, usize)>) -> PyResult<Grid> {
+    let (y0, y1) = rows.unwrap_or((0, height));
+    if y0 >= y1 || y1 > height {
+        return Err(PyValueError::new_err(format!(
+            "rows {y0} to {y1} are not rows of {height}"
+        )));
+    }
+    Ok(Grid::new(width, y0, y1))
 }
 
 /// The surface that `view` sees, in rows `rows[0]..rows[1]` of a `width` x `height` image; row 0 is the bottom row.
@@ -79,13 +90,9 @@ fn raster_surface<'py>(
         height,
         [jitter.0, jitter.1],
     )?;
-    let (y0, y1) = rows.unwrap_or((0, height));
-    if y0 >= y1 || y1 > height {
-        return Err(PyValueError::new_err(format!(
-            "rows {y0} to {y1} are not rows of {height}"
-        )));
-    }
-    let count = (y1 - y0) * width;
+    let grid = grid_of(width, height, rows)?;
+    let h = grid.y1 - grid.y0;
+    let count = h * width;
     let mut images = Images::default();
     for name in &attributes {
         match name.as_str() {
@@ -109,12 +116,11 @@ fn raster_surface<'py>(
     drop(geometry);
     py.detach(|| {
         let ids = first_ids(&data)?;
-        let bins = bin_triangles(&data, &drawn, &ids, &camera, Grid::new(width, y0, y1), &cancel)?;
+        let bins = bin_triangles(&data, &drawn, &ids, &camera, grid, &cancel)?;
         let finder = Finder::new(&data, &ids, &camera);
         surface::surface(&bins, &finder, &mut images, &cancel)
     })?;
     let result = PyDict::new(py);
-    let h = y1 - y0;
     macro_rules! give {
         ($field:ident, $flatten:expr, $shape:expr) => {
             if let Some(image) = images.$field {
@@ -133,6 +139,47 @@ fn raster_surface<'py>(
     give!(triangle, std::convert::identity, [h, width]);
     give!(material, std::convert::identity, [h, width]);
     Ok(result)
+}
+
+/// Which objects lie before a surface already drawn: (h, width) i32 object ids of the nearest one nearer than `depth`
+/// (h, width) f32, metres along forward, by more than a millionth of it; -1 where there is none. The other arguments
+/// are `raster_surface`'s, h = rows[1] - rows[0]. Raises ValueError on bad input, Cancelled when `cancel` is set.
+#[pyfunction]
+#[pyo3(signature = (geometry, visible, view, width, height, depth, rows=None, jitter=(0.0, 0.0), cancel=None))]
+fn raster_before<'py>(
+    py: Python<'py>,
+    geometry: PyRef<'py, Geometry>,
+    visible: &Bound<'py, PyAny>,
+    view: PyReadonlyArray1<'py, f64>,
+    width: usize,
+    height: usize,
+    depth: PyReadonlyArray2<'py, f32>,
+    rows: Option<(usize, usize)>,
+    jitter: (f64, f64),
+    cancel: Option<PyRef<'py, CancelFlag>>,
+) -> PyResult<Bound<'py, PyArray2<i32>>> {
+    let data = geometry.data();
+    let drawn = drawn(visible, &data)?;
+    let view = View::from_packed(view.as_slice()?)?;
+    let camera = Camera::new(&view, width, height, [jitter.0, jitter.1])?;
+    let grid = grid_of(width, height, rows)?;
+    let h = grid.y1 - grid.y0;
+    if depth.shape() != [h, width] {
+        return Err(PyValueError::new_err(format!(
+            "depth is {:?}, not {:?}",
+            depth.shape(),
+            [h, width]
+        )));
+    }
+    let depths = depth.as_slice()?;
+    let cancel = CancelFlag::of(cancel);
+    drop(geometry);
+    let objects = py.detach(|| {
+        let ids = first_ids(&data)?;
+        let bins = bin_triangles(&data, &drawn, &ids, &camera, grid, &cancel)?;
+        surface::before(&bins, &Finder::new(&data, &ids, &camera), depths, &cancel)
+    })?;
+    PyArray1::from_vec(py, objects).reshape([h, width])
 }
 
 /// The `layers` (1 to 16) nearest depths along forward of every texel, (layers, height, width) f32, ascending, inf
@@ -195,6 +242,7 @@ fn min_pyramid<'py>(py: Python<'py>, depth: PyReadonlyArray2<'py, f32>) -> PyRes
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(raster_surface, module)?)?;
+    module.add_function(wrap_pyfunction!(raster_before, module)?)?;
     module.add_function(wrap_pyfunction!(layered_depth, module)?)?;
     module.add_function(wrap_pyfunction!(min_pyramid, module)?)
 }

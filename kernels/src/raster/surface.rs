@@ -14,6 +14,9 @@ use rayon::prelude::*;
 /// No triangle.
 const NOTHING: u32 = u32::MAX;
 
+/// What lies before a surface by less than this share of its distance touches it: single precision tells no more.
+const CONTACT: f32 = 1e-6;
+
 /// Nearest triangle of each pixel. Items come in the order of their ids and only a smaller depth
 /// replaces, so that equal depths go to the lowest (instance, triangle).
 struct Visibility {
@@ -38,6 +41,24 @@ impl Sink for Visibility {
 }
 
 impl Visibility {
+    fn new() -> Self {
+        Visibility {
+            depths: vec![Lanes([f32::INFINITY; LANES]); BLOCKS],
+            ids: vec![Lanes([NOTHING.cast_signed(); LANES]); BLOCKS],
+        }
+    }
+
+    fn clear(&mut self) {
+        self.depths.fill(Lanes([f32::INFINITY; LANES]));
+        self.ids.fill(Lanes([NOTHING.cast_signed(); LANES]));
+    }
+
+    /// Lets in only what is nearer than a pixel of a tile already shows.
+    fn limit(&mut self, x: usize, y: usize, depth: f32) {
+        let (block, lane) = quarter(x, y);
+        self.depths[block].0[lane + x % BLOCK_WIDTH] = depth * (1.0 - CONTACT);
+    }
+
     /// The triangle at a tile's pixel.
     fn id(&self, x: usize, y: usize) -> u32 {
         let (block, lane) = quarter(x, y);
@@ -49,7 +70,6 @@ struct DrawTile<'a> {
     bins: &'a Bins,
     finder: &'a Finder<'a>,
     tile: usize,
-    /// Used again by the next tile.
     visibility: &'a mut Visibility,
 }
 
@@ -58,8 +78,6 @@ impl Work for DrawTile<'_> {
 
     #[inline(always)]
     fn run<V: Vector>(self, v: V) {
-        self.visibility.depths.fill(Lanes([f32::INFINITY; LANES]));
-        self.visibility.ids.fill(Lanes([NOTHING.cast_signed(); LANES]));
         draw_tile(v, self.bins, self.tile, self.finder, self.visibility);
     }
 }
@@ -156,8 +174,7 @@ fn shade(row: &mut Row, x: usize, camera: &Camera, pixel: [usize; 2], hit: Optio
     if row.position.is_none() && row.depth.is_none() && row.uv.is_none() && !normals {
         return;
     }
-    let ray = camera.ray(pixel[0], pixel[1]);
-    let weights = hit.weights(camera, &ray);
+    let weights = hit.weights(camera, pixel);
     let position = hit.position(weights);
     if let Some(positions) = &mut row.position {
         positions[x] = to_f32(position);
@@ -169,6 +186,7 @@ fn shade(row: &mut Row, x: usize, camera: &Camera, pixel: [usize; 2], hit: Optio
         uv[x] = hit.uv(weights);
     }
     if normals {
+        let ray = camera.ray(pixel[0], pixel[1]);
         let [geometric, shading] = hit.normals(&ray, weights);
         if let Some(normals) = &mut row.geometric_normal {
             normals[x] = to_f32(geometric);
@@ -183,13 +201,10 @@ fn shade(row: &mut Row, x: usize, camera: &Camera, pixel: [usize; 2], hit: Optio
 pub fn surface(bins: &Bins, finder: &Finder, images: &mut Images, cancel: &CancelFlag) -> PyResult<()> {
     let (grid, camera) = (bins.grid, finder.camera);
     let tiles = split(images, bins);
-    let buffer = || Visibility {
-        depths: vec![Lanes([f32::INFINITY; LANES]); BLOCKS],
-        ids: vec![Lanes([NOTHING.cast_signed(); LANES]); BLOCKS],
-    };
     let tiles = tiles.into_par_iter().enumerate();
-    tiles.try_for_each_init(buffer, |visibility, (tile, mut parts)| {
+    tiles.try_for_each_init(Visibility::new, |visibility, (tile, mut parts)| {
         cancel.check()?;
+        visibility.clear();
         run_widest(DrawTile {
             bins,
             finder,
@@ -210,4 +225,45 @@ pub fn surface(bins: &Bins, finder: &Finder, images: &mut Images, cancel: &Cance
         }
         Ok::<(), PyErr>(())
     })
+}
+
+/// The objects of what lies before `depths`, both over the grid's rows; -1 where nothing does.
+pub fn before(bins: &Bins, finder: &Finder, depths: &[f32], cancel: &CancelFlag) -> PyResult<Vec<i32>> {
+    let grid = bins.grid;
+    let mut images = Images {
+        object_id: Some(vec![-1; depths.len()]),
+        ..Images::default()
+    };
+    let tiles = split(&mut images, bins).into_par_iter().enumerate();
+    tiles.try_for_each_init(Visibility::new, |visibility, (tile, mut parts)| {
+        cancel.check()?;
+        if bins.is_empty(tile) {
+            return Ok(());
+        }
+        visibility.clear();
+        let (origin, (columns, rows)) = (grid.origin(tile), grid.extent(tile));
+        for y in rows.clone() {
+            let shown = &depths[(y - grid.y0) * grid.width..][..grid.width];
+            for x in columns.clone() {
+                visibility.limit(x - origin[0], y - origin[1], shown[x]);
+            }
+        }
+        run_widest(DrawTile {
+            bins,
+            finder,
+            tile,
+            visibility,
+        });
+        for (row, y) in parts.iter_mut().zip(rows) {
+            let objects = row.object_id.as_deref_mut().expect("it was asked for");
+            for (x, object) in objects.iter_mut().enumerate() {
+                let id = visibility.id(x, y - origin[1]);
+                if id != NOTHING {
+                    *object = finder.instance(id).object_id;
+                }
+            }
+        }
+        Ok::<(), PyErr>(())
+    })?;
+    Ok(images.object_id.unwrap_or_default())
 }

@@ -125,27 +125,31 @@ impl Pattern {
 
 /// Paper that shows between halftone dots, (h, w) f32: 1 is paper, 0 ink.
 ///
-/// `light` (h, w) f32, 0 in shade and 1 in light; `position` (h, w, 3) f32 relative to the eye; `instance` (h, w) i32, -1
-/// where nothing is; `pattern` (21,) f32: see addon/effects/toon/pattern.py; `inked` (I,) u8 tells which instances have
-/// dots; `anchors` (I, 12) f32: two numbers an instance, its origin in the frame (OBJECT), or three rows that take
-/// positions to object space (SURFACE); `normal` (h, w, 3) f32 is needed for SURFACE.
+/// `light` (h, w) f32, 0 in shade and 1 in light; `instance` (h, w) i32, -1 where nothing is; `pattern` (21,) f32: see
+/// addon/effects/toon/pattern.py; `inked` (I,) u8 tells which instances have dots; `anchors` (I, 12) f32: two numbers an
+/// instance, its origin in the frame (OBJECT), or three rows that take positions to object space (SURFACE); `position`
+/// (h, w, 3) f32 relative to the eye is needed for SURFACE and for a fade, `normal` (h, w, 3) f32 for SURFACE.
 #[pyfunction]
-#[pyo3(signature = (light, position, instance, pattern, inked, anchors, normal=None, cancel=None))]
+#[pyo3(signature = (light, instance, pattern, inked, anchors, position=None, normal=None, cancel=None))]
 pub fn toon_halftone<'py>(
     py: Python<'py>,
     light: PyReadonlyArray2<'py, f32>,
-    position: PyReadonlyArray3<'py, f32>,
     instance: PyReadonlyArray2<'py, i32>,
     pattern: Vec<f32>,
     inked: Vec<u8>,
     anchors: PyReadonlyArray2<'py, f32>,
+    position: Option<PyReadonlyArray3<'py, f32>>,
     normal: Option<PyReadonlyArray3<'py, f32>>,
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
     let size = [light.shape()[0], light.shape()[1]];
     let whole = [size[0], size[1], 3];
     let lights = pixels(&light, &size, "light")?;
-    let positions = pixels(&position, &whole, "position")?.as_chunks::<3>().0;
+    let positions = position
+        .as_ref()
+        .map(|image| pixels(image, &whole, "position"))
+        .transpose()?
+        .map(|image| image.as_chunks::<3>().0);
     let instances = pixels(&instance, &size, "instance")?;
     let pattern = Pattern::new(&pattern)?;
     let normals = normal
@@ -157,8 +161,12 @@ pub fn toon_halftone<'py>(
         return Err(PyValueError::new_err("anchors has 12 numbers an instance"));
     }
     let anchors = anchors.as_slice()?.as_chunks::<12>().0;
-    if pattern.anchor == Anchor::Surface && normals.is_none() {
-        return Err(PyValueError::new_err("dots on surfaces need normals"));
+    let on_surface = pattern.anchor == Anchor::Surface;
+    if (on_surface && normals.is_none()) || ((on_surface || pattern.fade_scale != 0.0) && positions.is_none())
+    {
+        return Err(PyValueError::new_err(
+            "dots on surfaces need positions and normals, and a fade needs positions",
+        ));
     }
     let cancel = CancelFlag::of(cancel);
     let mut result = vec![1.0f32; lights.len()];
@@ -173,7 +181,7 @@ pub fn toon_halftone<'py>(
                 if s < pattern.cutoff || inked.get(of) != Some(&1) {
                     continue;
                 }
-                let p = positions[pixel];
+                let p = positions.map_or([0.0; 3], |p| p[pixel]);
                 let mut fade = pattern.opacity;
                 if pattern.fade_scale != 0.0 {
                     fade *= smooth((dot(p, p).sqrt() - pattern.fade_end) * pattern.fade_scale);

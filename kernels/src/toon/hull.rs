@@ -9,17 +9,21 @@ mod python;
 
 pub use python::*;
 
-use super::topology::Topology;
 use crate::geometry::{Data, Instance, Mesh};
+use crate::topology::Topology;
 use crate::vector::{Vec3, add, cross, dot, length, scale, sub};
 use crate::view::View;
 use std::collections::HashMap;
 
 /// Triangles that meet at less than this angle are one smooth surface: 30 degrees.
 const SMOOTH_COSINE: f64 = 0.866_025_403_784_438_6;
-/// The largest angle, radians, between two directions of a round strip: 20 degrees. Its ring is then 0.985 to 1
-/// times the width.
-const STRIP_ANGLE: f64 = 0.349_065_850_398_865_9;
+/// A round strip's ring may be narrower than the line by this many pixels, between its directions.
+const FLAT_PIXELS: f64 = 0.05;
+/// The angles between two directions of a strip, radians, that this may lead to: 2 to 30 degrees.
+const STRIP_ANGLES: [f64; 2] = [0.034_906_585_039_886_6, 0.523_598_775_598_298_9];
+
+/// What moves away from the eye appears to move less the farther it is; beyond four times as far it is let be.
+const LEAST_APPROACH: f64 = 0.25;
 
 fn unit(a: Vec3) -> Option<Vec3> {
     let length = length(a);
@@ -36,10 +40,30 @@ struct Width {
     most: f64,
 }
 
+impl Width {
+    /// Pixels of a line that is `wanted` metres or pixels wide where a pixel is `pixel` metres.
+    fn pixels(&self, wanted: f64, pixel: f64) -> f64 {
+        let pixels = if self.in_pixels { wanted } else { wanted / pixel };
+        pixels.clamp(self.least, self.most)
+    }
+}
+
 struct Eye {
     view: View,
     /// Window units of a pixel.
     pixel: f64,
+}
+
+/// A welded vertex, and how far it moves.
+struct Place {
+    /// Relative to the eye.
+    point: Vec3,
+    /// Towards it from the eye, unit; None in an orthographic view.
+    ray: Option<Vec3>,
+    /// Metres of a pixel beside it that is seen straight on.
+    pixel: f64,
+    /// Width of the line, metres or pixels; 0 for none.
+    wanted: f64,
 }
 
 impl Eye {
@@ -55,27 +79,64 @@ impl Eye {
         ) > 0.0
     }
 
-    /// Metres of a line at `p`; `thickness` scales it before the limits hold.
-    fn metres(&self, width: &Width, thickness: f64, p: Vec3) -> f64 {
-        let depth = if self.view.orthographic {
-            1.0
+    /// A vertex where the line is `wanted` wide.
+    fn place(&self, point: Vec3, wanted: f64) -> Place {
+        let (depth, ray) = if self.view.orthographic {
+            (1.0, None)
         } else {
-            dot(p, self.view.forward).max(self.view.near)
+            (dot(point, self.view.forward).max(self.view.near), unit(point))
         };
-        let pixel = self.pixel * depth;
-        let wanted = width.width * thickness;
-        if wanted.is_nan() || wanted <= 0.0 {
-            return 0.0; // no line at all, whatever the least width
+        Place {
+            point,
+            ray,
+            pixel: self.pixel * depth,
+            wanted: if wanted > 0.0 { wanted } else { 0.0 }, // whatever the least width
         }
-        let pixels = if width.in_pixels { wanted } else { wanted / pixel };
-        pixels.clamp(width.least, width.most) * pixel
+    }
+
+    /// Where a vertex is moved to along a unit direction.
+    ///
+    /// An image plane stretches what is away from its middle. Let n be the direction without its part along the line
+    /// of sight, unit, as it is on a silhouette; there, what is moved by k times its depth appears d window units
+    /// farther out if k = d m / (1 - d m n_z), with n_z = n . forward and m^2 = 1 - n_z^2.
+    fn moved(&self, width: &Width, place: &Place, direction: Vec3) -> Vec3 {
+        if place.wanted <= 0.0 {
+            return place.point;
+        }
+        let (mut shrinking, mut receding) = (1.0, 0.0);
+        if let Some(ray) = place.ray {
+            let along = dot(direction, ray);
+            let across = 1.0 - along * along;
+            // Of a step along the line of sight nothing is seen.
+            if across > 1e-6 {
+                let forward = self.view.forward;
+                let tilt = (dot(direction, forward) - along * dot(ray, forward)) / across.sqrt();
+                shrinking = (1.0 - tilt * tilt).max(0.0).sqrt();
+                receding = self.pixel * shrinking * tilt;
+            }
+        }
+        let pixels = width.pixels(place.wanted, place.pixel * shrinking);
+        let unlimited = pixels > width.least && pixels < width.most;
+        let metres = if unlimited && !width.in_pixels {
+            place.wanted
+        } else {
+            pixels * place.pixel * shrinking / (1.0 - pixels * receding).max(LEAST_APPROACH)
+        };
+        add(place.point, scale(direction, metres))
+    }
+
+    /// The largest angle between two directions of a strip at a vertex.
+    fn strip_angle(&self, width: &Width, place: &Place) -> f64 {
+        let pixels = width.pixels(place.wanted, place.pixel);
+        let [least, most] = STRIP_ANGLES;
+        (2.0 * (1.0 - FLAT_PIXELS / pixels).clamp(-1.0, 1.0).acos()).clamp(least, most)
     }
 }
 
-/// Directions from one to another that a strip passes, both ends included.
-fn arc(from: Vec3, to: Vec3) -> Vec<Vec3> {
+/// Directions from one to another that a strip passes, both ends included, at most `largest` radians apart.
+fn arc(from: Vec3, to: Vec3, largest: f64) -> Vec<Vec3> {
     let angle = dot(from, to).clamp(-1.0, 1.0).acos();
-    let pieces = (angle / STRIP_ANGLE).ceil().max(1.0);
+    let pieces = (angle / largest).ceil().max(1.0);
     let sine = angle.sin();
     (0..=pieces as usize)
         .map(|i| {
@@ -109,25 +170,33 @@ struct Meeting {
 /// One instance's hull under way.
 struct Builder<'a> {
     eye: &'a Eye,
-    /// Of welded vertices, relative to the eye, and how far they move.
-    points: Vec<Vec3>,
-    widths: Vec<f64>,
+    width: &'a Width,
+    /// Of welded vertices.
+    places: Vec<Place>,
     triangles: Vec<[[f32; 3]; 3]>,
 }
 
 impl Builder<'_> {
     /// Vertex moved along a direction.
     fn moved(&self, vertex: u32, direction: Vec3) -> Vec3 {
-        add(
-            self.points[vertex as usize],
-            scale(direction, self.widths[vertex as usize]),
-        )
+        self.eye
+            .moved(self.width, &self.places[vertex as usize], direction)
+    }
+
+    fn point(&self, vertex: u32) -> Vec3 {
+        self.places[vertex as usize].point
+    }
+
+    /// The largest angle between two directions of a strip that ends at these vertices.
+    fn strip_angle(&self, ends: [u32; 2]) -> f64 {
+        let [a, b] = ends.map(|v| self.eye.strip_angle(self.width, &self.places[v as usize]));
+        a.min(b)
     }
 
     fn emit(&mut self, corners: [(u32, Vec3); 3]) {
         if corners
             .iter()
-            .all(|(vertex, _)| self.widths[*vertex as usize] <= 0.0)
+            .all(|(vertex, _)| self.places[*vertex as usize].wanted <= 0.0)
         {
             return; // no line here
         }
@@ -199,13 +268,13 @@ fn hull(
         })
     };
     let points: Vec<Vec3> = topology.vertices.iter().map(point).collect();
-    let widths = topology
+    let places = topology
         .vertices
         .iter()
         .zip(&points)
         .map(|(vertex, p)| {
             let share = thickness.map_or(1.0, |t| f64::from(t[*vertex as usize]));
-            eye.metres(width, share, *p)
+            eye.place(*p, width.width * share)
         })
         .collect();
     // A mirroring matrix turns the winding round, but not what is outside.
@@ -226,15 +295,15 @@ fn hull(
     let is_open = topology.edges.iter().any(|edge| edge.second.is_none());
     let mut builder = Builder {
         eye,
-        points,
-        widths,
+        width,
+        places,
         triangles: Vec::new(),
     };
     for (triangle, ends) in topology.corners.iter().enumerate() {
         // By the triangle before it moved: what was in front stays away, even where the hull folds over.
         let Some(n) = normals[triangle] else { continue };
         let corners: [(u32, Vec3); 3] = std::array::from_fn(|k| (ends[k], directions[3 * triangle + k]));
-        if eye.faces_away(builder.points[ends[0] as usize], n) {
+        if eye.faces_away(builder.point(ends[0]), n) {
             builder.emit(corners);
         } else if is_open {
             builder.emit(corners.map(|(vertex, direction)| (vertex, scale(direction, -1.0))));
@@ -309,32 +378,30 @@ fn round_edges(topology: &Topology, normals: &[Option<Vec3>], directions: &[Vec3
         let at = |t: u32, k: u8| directions[(3 * t + u32::from(k)) as usize];
         let (here, along) = (
             [at(a, k), at(a, (k + 1) % 3)],
-            sub(builder.points[end as usize], builder.points[start as usize]),
+            sub(builder.point(end), builder.point(start)),
         );
         let second = edge.second.filter(|(b, _)| normals[*b as usize].is_some());
         let arcs: [Vec<Vec3>; 2] = match second {
             Some((b, l)) if topology.corners[b as usize][l as usize] != start => {
                 let opposite = topology.corners[b as usize][(l as usize + 2) % 3];
-                let away = sub(builder.points[opposite as usize], builder.points[start as usize]);
+                let away = sub(builder.point(opposite), builder.point(start));
                 let there = [at(b, (l + 1) % 3), at(b, l)];
                 if here == there || dot(n, away) >= 0.0 {
                     continue; // one surface, or a valley, where the moved triangles overlap
                 }
-                [arc(here[0], there[0]), arc(here[1], there[1])]
+                let largest = builder.strip_angle([start, end]);
+                [arc(here[0], there[0], largest), arc(here[1], there[1], largest)]
             }
             _ => {
                 let inner = topology.corners[a as usize][(k as usize + 2) % 3];
-                let Some(out) = outward(
-                    along,
-                    n,
-                    sub(builder.points[inner as usize], builder.points[start as usize]),
-                ) else {
+                let Some(out) = outward(along, n, sub(builder.point(inner), builder.point(start))) else {
                     continue;
                 };
+                let largest = builder.strip_angle([start, end]);
                 here.map(|n| {
                     let out = unit(sub(out, scale(n, dot(n, out)))).unwrap_or(out);
-                    let mut both = arc(n, out);
-                    both.extend(arc(out, scale(n, -1.0)).into_iter().skip(1));
+                    let mut both = arc(n, out, largest);
+                    both.extend(arc(out, scale(n, -1.0), largest).into_iter().skip(1));
                     both
                 })
             }
@@ -356,9 +423,10 @@ fn round_edges(topology: &Topology, normals: &[Option<Vec3>], directions: &[Vec3
         if meeting.arcs.len() < 2 {
             continue;
         }
+        let largest = builder.strip_angle([vertex; 2]);
         for arc in &meeting.arcs {
             // From the corner's middle out to the strip's end, a part of a sphere.
-            let rays: Vec<Vec<Vec3>> = arc.iter().map(|&end| self::arc(middle, end)).collect();
+            let rays: Vec<Vec<Vec3>> = arc.iter().map(|&end| self::arc(middle, end, largest)).collect();
             for pair in rays.windows(2) {
                 builder.strip([vertex; 2], [pair[0].clone(), pair[1].clone()]);
             }

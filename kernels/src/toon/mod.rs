@@ -8,7 +8,6 @@ mod hull;
 mod outline;
 mod ramp;
 mod shade;
-mod topology;
 
 use crate::cancel::CancelFlag;
 use numpy::{Element, PyReadonlyArray, PyUntypedArrayMethods};

@@ -3,7 +3,6 @@
 use super::{Eye, Width, clipped, hull};
 use crate::cancel::CancelFlag;
 use crate::geometry::Geometry;
-use crate::toon::topology::Topology;
 use crate::view::View;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
@@ -67,13 +66,11 @@ pub fn toon_hull<'py>(
         let mut meshes: Vec<usize> = instances.iter().map(|&i| data.instances[i].mesh).collect();
         meshes.sort_unstable();
         meshes.dedup();
-        let topologies: HashMap<usize, Topology> = meshes
-            .into_par_iter()
-            .map(|mesh| {
-                cancel.check()?;
-                Ok((mesh, Topology::of(&data.meshes[mesh])))
-            })
-            .collect::<PyResult<_>>()?;
+        meshes.par_iter().try_for_each(|&mesh| {
+            cancel.check()?;
+            data.meshes[mesh].topology();
+            Ok::<(), PyErr>(())
+        })?;
         instances
             .par_iter()
             .zip(&scales)
@@ -91,7 +88,7 @@ pub fn toon_hull<'py>(
                 let values = thickness.get(&instance.mesh).map(Vec::as_slice);
                 Ok(hull(
                     mesh,
-                    &topologies[&instance.mesh],
+                    mesh.topology(),
                     instance,
                     &skipped,
                     values,
