@@ -24,7 +24,7 @@ LAYERED_DEPTH = Shader(
     vertex="effects/shared/pull.glsl",
     samplers=VERTEX_SAMPLERS,
     atomic_images=("sorted",),
-    params=("draw", "range", "map", "alpha"),
+    params=("draw", "range", "map", "last", "alpha"),
     varyings=VARYINGS,
     outputs=(("UVEC2", "nothing"),),
 )
@@ -33,6 +33,7 @@ UNSORT = Shader(
     samplers=(("sorted", "UINT_2D"),),
     images=(("depths", "R32F", "WRITE"),),
     params=("size",),
+    group=(64, 1),
 )
 VISIBILITY = Shader(
     "effects/shared/visibility.glsl",
@@ -176,9 +177,10 @@ def layered_depth(
     matrices = geometry.clip_matrices(view, (0, height), (width, height))
     drawn = geometry.draw_list(casters)
     extent = (width, height, depths.columns, layers)
+    row, column = divmod(layers - 1, depths.columns)
     _draw_all(
         device, LAYERED_DEPTH, geometry, drawn, view, high, target, None, matrices,
-        {"sorted": keys}, {"map": extent},
+        {"sorted": keys}, {"map": extent, "last": (width * column, height * row)},
     )  # fmt: skip
     device.dispatch(UNSORT, depths.size, {"depths": depths}, {"sorted": keys}, {"size": depths.size})
     device.release([keys, target])

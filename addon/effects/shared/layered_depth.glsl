@@ -13,13 +13,19 @@ void main()
   // order of arrival, layer n ends with the n-th smallest of all fragments.
   uint falling = to_sortable(depth);
   ivec2 texel = ivec2(gl_FragCoord.xy);
+  // Reading costs a fraction of an atomic. What is kept only ever falls, so that even a value read too early tells
+  // that a depth is not among the nearest.
+  if (imageLoad(sorted, texel + ivec2(params.last.xy)).r <= falling) {
+    return;
+  }
   ivec2 size = ivec2(params.map.xy);
   int right = size.x * int(params.map.z);
   for (int layers = int(params.map.w); layers > 0; layers--) {
-    uint kept = imageAtomicMin(sorted, texel, falling);
-    falling = max(kept, falling);
-    if (falling == SORTABLE_INFINITE) {
-      break;
+    if (imageLoad(sorted, texel).r > falling) {
+      falling = max(imageAtomicMin(sorted, texel, falling), falling);
+      if (falling == SORTABLE_INFINITE) {
+        break;
+      }
     }
     // The next layer lies to the right, or starts a row of layers.
     texel.x += size.x;

@@ -25,8 +25,8 @@ void main()
   ivec2 finest = pair_count(0);
   int height = finest.y >> 1;
   ivec2 place = ivec2(gl_GlobalInvocationID.xy);
-  int layer = place.y / height;
-  place.y = finest.y + place.y % height;
+  int layer = cell_of(place.y, float(height)).y;
+  place.y += finest.y - layer * height;
   int level = level_at(finest, place);
   ivec2 pair = place - level_place(finest, level);
   if (layer >= map_layers() || any(greaterThanEqual(pair, pair_count(level)))) {

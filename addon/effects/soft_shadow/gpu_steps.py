@@ -30,6 +30,7 @@ PREPARE = Shader(
     samplers=(("depths", "FLOAT_2D"),),
     images=(("texels", "RGBA32UI", "WRITE"), ("pyramid", "RG32F", "WRITE")),
     params=(*MAP_PARAMS, "depths"),
+    group=(64, 1),  # along a row: of large maps each is a page of memory
 )
 COARSER = Shader(f"{FOLDER}/coarser.glsl", images=(("texels", "RGBA32UI", "READ_WRITE"),), params=MAP_PARAMS)
 PYRAMID = Shader(
@@ -40,6 +41,7 @@ BLOCKS = Shader(
     samplers=(("texels", "UINT_2D"),),
     images=(("blocks", "RGBA32UI", "WRITE"),),
     params=MAP_PARAMS,
+    group=(64, 1),
 )
 FIRST_ROWS = Shader(f"{FOLDER}/first_rows.glsl", images=(("rows", "RG32UI", "WRITE"),))
 LIGHT_PARAMS = (

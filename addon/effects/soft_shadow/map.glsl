@@ -34,6 +34,13 @@ int map_layers()
   return int(params.map.z);
 }
 
+// Column and row of a layer where so many lie side by side. By floats: processors divide integers one by one.
+ivec2 cell_of(int layer, float columns)
+{
+  int row = int((float(layer) + 0.5) / columns);
+  return ivec2(layer - row * int(columns), row);
+}
+
 ivec2 level_size(int level)
 {
   return map_size() >> level;
@@ -65,9 +72,8 @@ ivec2 pair_count(int level)
 ivec2 pair_place(int layer, int level)
 {
   ivec2 finest = pair_count(0);
-  int columns = int(params.map.w);
   ivec2 cell = ivec2(finest.x + int(params.bias.z), finest.y + (finest.y >> 1));
-  return cell * ivec2(layer % columns, layer / columns) + level_place(finest, level);
+  return cell * cell_of(layer, params.map.w) + level_place(finest, level);
 }
 
 // Of a pair the texel in an even or in an odd column.

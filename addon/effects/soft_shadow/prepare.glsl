@@ -6,9 +6,8 @@
 float depth_at(int layer, ivec2 texel)
 {
   ivec2 size = map_size();
-  int columns = int(params.depths.x);
   bool inside = all(greaterThanEqual(texel, ivec2(0))) && all(lessThan(texel, size)) && layer < map_layers();
-  ivec2 place = inside ? texel + size * ivec2(layer % columns, layer / columns) : ivec2(0);
+  ivec2 place = inside ? texel + size * cell_of(layer, params.depths.x) : ivec2(0);
   float depth = texelFetch(depths, place, 0).r;
   return inside ? depth : INFINITE;
 }
