@@ -1,9 +1,14 @@
-// A picture in a viewport. Defines: GREY for a layer of one channel; DATA where no view transform may touch it.
+// What a picture looks like. Defines: GREY for a layer of one channel; DATA where no view transform may touch it;
+// SHOWN for what this has made already.
 // `params.levels` is the smallest level of the view transform's table, its steps to a stop, and its size;
 // `params.style` is the factor of the view's exposure, and whether the framebuffer encodes to sRGB itself.
 
 void main()
 {
+#ifdef SHOWN
+  colour = textureLod(image, at, 0.0);
+  return;
+#endif
 #ifdef GREY
   vec4 light = vec4(textureLod(image, at, 0.0).rrr, 1.0);
 #else

@@ -29,6 +29,7 @@ DATA = Shader(
     outputs=(("VEC4", "colour"),),
 )
 GREY = DATA.defining("GREY")
+SHOWN = DATA.defining("SHOWN")
 
 _programs: dict[Shader, Any] = {}
 _quad: list[Any] = []
@@ -36,7 +37,7 @@ _quad: list[Any] = []
 
 def variants() -> tuple[Shader, ...]:
     """Every program that the preview may compile."""
-    return COLOUR, DATA, GREY
+    return COLOUR, DATA, GREY, SHOWN
 
 
 def release() -> None:
@@ -55,26 +56,36 @@ def picture_texture(pixels: np.ndarray):
 def table_texture(table: np.ndarray):
     """The texture of a view transform's table."""
     data = gpu.types.Buffer("FLOAT", table.size, np.ascontiguousarray(table).reshape(-1))
-    texture = gpu.types.GPUTexture((SIZE, SIZE, SIZE), format="RGBA16F", data=data)
-    texture.filter_mode(True)
-    texture.extend_mode("EXTEND")
-    return texture
+    return gpu.types.GPUTexture((SIZE, SIZE, SIZE), format="RGBA16F", data=data)
 
 
-def draw_picture(
-    texture,
-    channels: int,
-    place: tuple[float, float, float, float],
-    size: tuple[int, int],
-    table=None,
-    exposure_factor: float = 1.0,
-    encodes: bool = False,
-) -> None:
-    """Draws a texture of `channels` numbers into the bound framebuffer. `place` is left, bottom, right, top
-    in pixels of a viewport of `size` pixels; `table` a view transform's texture, None to show numbers as they
-    are; `encodes`: the framebuffer turns linear light into sRGB itself, as a viewport's overlays do. Blends
-    by alpha, premultiplied; all state is put back."""
+def shown_texture(image, channels: int, table=None, exposure_factor: float = 1.0, encodes: bool = False):
+    """What a texture `image` of `channels` numbers looks like, as a texture of the same size: made once, as a
+    window is redrawn many times, and has up to 64 times the pixels of a coarse picture. `table` is a view
+    transform's texture, None to show numbers as they are; `encodes`: the framebuffer that it will be drawn
+    into turns linear light into sRGB itself, as a viewport's overlays do."""
     shader = GREY if channels == 1 else DATA if table is None else COLOUR
+    values = np.zeros((len(shader.params), 4), np.float32)
+    values[0] = -1.0, -1.0, 1.0, 1.0
+    values[1, :3] = LOWEST, STEPS, SIZE
+    values[2, :2] = exposure_factor, encodes
+    shown = gpu.types.GPUTexture((image.width, image.height), format="RGBA16F")
+    # Not kept: a framebuffer belongs to one window's context.
+    with gpu.types.GPUFrameBuffer(color_slots=shown).bind():
+        _draw(shader, values, "NONE", image=image, **({"table": table} if shader is COLOUR else {}))
+    return shown
+
+
+def draw_picture(shown, place: tuple[float, float, float, float], size: tuple[int, int]) -> None:
+    """Draws a `shown_texture` into the bound framebuffer. `place` is left, bottom, right, top in pixels of a
+    viewport of `size` pixels. Blends by alpha, premultiplied; all state is put back."""
+    values = np.zeros((len(SHOWN.params), 4), np.float32)
+    values[0] = [2.0 * edge / size[i % 2] - 1.0 for i, edge in enumerate(place)]
+    _draw(SHOWN, values, "ALPHA_PREMULT", image=shown)
+
+
+def _draw(shader: Shader, values: np.ndarray, blend: str, **textures) -> None:
+    """Two triangles; `values` are the shader's parameters."""
     if shader not in _programs:
         _programs[shader] = compiled(shader)
     if not _quad:
@@ -83,24 +94,19 @@ def draw_picture(
         _quad.append(gpu.types.GPUVertBuf(form, 6))
         _quad[0].attr_fill("unused", np.zeros(6, np.uint32))
     program, batch = _programs[shader], gpu.types.GPUBatch(type="TRIS", buf=_quad[0])
-    values = np.zeros((len(shader.params), 4), np.float32)
-    values[0] = [2.0 * edge / size[i % 2] - 1.0 for i, edge in enumerate(place)]
-    values[1, :3] = LOWEST, STEPS, SIZE
-    values[2, :2] = exposure_factor, encodes
     state = gpu.state
     before = state.blend_get(), state.depth_test_get(), state.depth_mask_get()
-    texture.filter_mode(True)
-    texture.extend_mode("EXTEND")
     try:
-        state.blend_set("ALPHA_PREMULT")
+        state.blend_set(blend)
         state.depth_test_set("NONE")
         state.depth_mask_set(False)
         program.bind()
         block = gpu.types.GPUUniformBuf(values)
         program.uniform_block("params", block)
-        program.uniform_sampler("image", texture)
-        if shader is COLOUR:
-            program.uniform_sampler("table", table)
+        for name, texture in textures.items():
+            texture.filter_mode(True)
+            texture.extend_mode("EXTEND")
+            program.uniform_sampler(name, texture)
         batch.draw(program)
     finally:
         state.blend_set(before[0])
