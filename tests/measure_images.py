@@ -23,7 +23,7 @@ def collected(values: np.ndarray, probes: int, seed: int) -> ProbeCollector:
     surface = {"depth": np.ones((height, width), np.float32)}
     for y0, y1 in ((0, height // 2), (height // 2, height)):
         chunk = Chunk(width, height, y0, y1, 0, (0.0, 0.0))
-        collector.add(chunk, {"depth": surface["depth"][y0:y1]}, {NAME: values[y0:y1]})
+        finished(collector.add(chunk, {"depth": surface["depth"][y0:y1]}, {NAME: values[y0:y1]}))
     return collector
 
 

@@ -5,6 +5,7 @@ import pytest
 import strata_kernels
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.random import hash_bits, text_bits
+from strata.addon.core.slices import finished
 from strata.addon.core.surface import Chunk, SurfacePoints
 from strata.addon.devices.cpu import CpuRays
 from strata.addon.measure.difficulty import Difficulty, Ground, classify, near_changes, reach
@@ -46,7 +47,7 @@ def collected(tiles, watched=None, probes=4, seed=3, frame=1, spoil=None):
         y1 = y0 + rows
         tile = {name: array[y0:y1] for name, array in surface.items()}
         layers = {layer.name: values[y0:y1] for layer in watched}
-        collector.add(Chunk(WIDTH, HEIGHT, y0, y1, 0, (0.0, 0.0)), tile, layers)
+        finished(collector.add(Chunk(WIDTH, HEIGHT, y0, y1, 0, (0.0, 0.0)), tile, layers))
         y0 = y1
     return shadow_strata(collector, watched[0])
 
@@ -109,10 +110,10 @@ def test_seed_frame_and_effect_change_the_choice():
 def test_later_samples_are_passed_over_and_gaps_refused():
     surface, values = scene()
     collector = ProbeCollector([watched_shadow()], 4, 0, 1)
-    collector.add(Chunk(WIDTH, HEIGHT, 0, HEIGHT, 1, (0.2, 0.1)), surface, {"Shadow": values})
+    finished(collector.add(Chunk(WIDTH, HEIGHT, 0, HEIGHT, 1, (0.2, 0.1)), surface, {"Shadow": values}))
     assert list(collector.kept("Shadow")) == []
     with pytest.raises(ValueError, match="row 5 came before that at row 0"):
-        collector.add(Chunk(WIDTH, HEIGHT, 5, HEIGHT, 0, (0.0, 0.0)), surface, {"Shadow": values})
+        finished(collector.add(Chunk(WIDTH, HEIGHT, 5, HEIGHT, 0, (0.0, 0.0)), surface, {"Shadow": values}))
 
 
 def test_what_the_light_does_not_light_is_left_alone():

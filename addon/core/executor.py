@@ -20,8 +20,10 @@ from .surface import Chunk
 class Collector(Protocol):
     """Sees every tile of every sample as it is made; measuring draws its probes here."""
 
-    def add(self, chunk: Chunk, surface: dict[str, np.ndarray], layers: dict[str, np.ndarray]) -> None:
-        """`surface` and `layers` are host arrays (rows, width[, channels])."""
+    def add(
+        self, chunk: Chunk, surface: dict[str, np.ndarray], layers: dict[str, np.ndarray]
+    ) -> Iterator[None]:
+        """`surface` and `layers` are host arrays (rows, width[, channels]). Yields between slices of work."""
 
 
 @dataclass
@@ -135,7 +137,10 @@ class Executor:
                     done += 1
                     yield done / total
                 self._now = context
-                self._collect(graph, sampling, chunk, collector)
+                for _ in self._collecting(graph, sampling, chunk, collector):
+                    yield done / total
+                    self._raise_if_cancelled()
+                    self._now = context
                 self._drop_passing(context)
                 if chunk.y1 == sampling.height:
                     context.execution.samples = chunk.sample + 1
@@ -204,9 +209,7 @@ class Executor:
             elif store is self._framed:
                 self._framed_bytes[key] = self._framed_bytes[key][0], self._now.epoch
             return store[key]
-        for flagged in (self.primary, self.fallback):
-            if flagged.cancel_flag.is_set():
-                raise Cancelled()
+        self._raise_if_cancelled()
         # What can be copied is made once, where it is at home; what cannot is made again where it is wanted.
         if self._usable(node, device) and (self._home(node) is device or not node.step.copyable):
             value = self._run(node, device)
@@ -223,6 +226,10 @@ class Executor:
         if store is self._framed:
             self._framed_bytes[key] = device.size_of(value), self._now.epoch
         return value
+
+    def _raise_if_cancelled(self) -> None:
+        if any(device.cancel_flag.is_set() for device in (self.primary, self.fallback)):
+            raise Cancelled()
 
     def keep_only(self, *graphs: Graph) -> None:
         """Frees kept values that no node of these graphs has, such as the maps of where a light was."""
@@ -296,7 +303,9 @@ class Executor:
     def _time(self, node: Node, device: str, seconds: float) -> None:
         self.execution.add_time(node, device, seconds)
 
-    def _collect(self, graph: Graph, sampling: Sampling, chunk: Chunk, collector: Collector | None) -> None:
+    def _collecting(
+        self, graph: Graph, sampling: Sampling, chunk: Chunk, collector: Collector | None
+    ) -> Iterator[None]:
         layers = {}
         for layer in graph.layers:
             started = time.perf_counter()
@@ -312,9 +321,10 @@ class Executor:
                 image[rows] += tile
                 spread[rows] += tile * tile
             self.execution.add_time(layer.node, device.name, time.perf_counter() - started, runs=0)
+            yield
         if collector is not None and chunk.sample == 0:
             device = self._home(graph.surface)
-            collector.add(chunk, device.to_host(self.value(graph.surface, device)), layers)
+            yield from collector.add(chunk, device.to_host(self.value(graph.surface, device)), layers)
 
     def _free_inputs(self, node: Node, readers: Counter) -> None:
         """Frees what `node` was the last to read."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Generator, Iterable
 from dataclasses import replace
 
@@ -41,13 +40,14 @@ class Measurement:
         self._jitter = (0.0, 0.0)  # of the first sample
         self._collecting_seconds = 0.0  # of one layer
 
-    def add(self, chunk: Chunk, surface: dict[str, np.ndarray], layers: dict[str, np.ndarray]) -> None:
+    def add(
+        self, chunk: Chunk, surface: dict[str, np.ndarray], layers: dict[str, np.ndarray]
+    ) -> Generator[None]:
         """See ProbeCollector.add."""
-        started = time.perf_counter()
         if chunk.sample == 0:
             self._jitter = chunk.jitter
-        self._collector.add(chunk, surface, layers)
-        self._collecting_seconds += (time.perf_counter() - started) / max(len(self._watched), 1)
+        _, seconds = yield from timed(self._collector.add(chunk, surface, layers))
+        self._collecting_seconds += seconds / max(len(self._watched), 1)
 
     def measure(
         self, layer: PlannedLayer, rays: RayCaster, casters: np.ndarray, image: np.ndarray

@@ -7,7 +7,7 @@ such a sample too.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -206,9 +206,11 @@ class ProbeCollector:
         self._seen_rows = self._drawn_rows = 0
         self.totals = {layer.name: 0.0 for layer in self._watched}
 
-    def add(self, chunk: Chunk, surface: dict[str, np.ndarray], layers: dict[str, np.ndarray]) -> None:
+    def add(
+        self, chunk: Chunk, surface: dict[str, np.ndarray], layers: dict[str, np.ndarray]
+    ) -> Generator[None]:
         """`surface` and `layers`: host arrays (rows, width[, channels]). Tiles come bottom up; samples after
-        the first are passed over."""
+        the first are passed over. Yields between slices of work."""
         if chunk.sample != 0 or not self._watched:
             return
         names = {"position", "depth", "instance"}.union(*(layer.attributes for layer in self._watched))
@@ -222,16 +224,16 @@ class ProbeCollector:
             block = {name: np.concatenate([self._held[name], block[name]]) for name in block}
         last = chunk.y1 == chunk.height
         stop = chunk.y1 if last else max(chunk.y1 - MARGIN, self._drawn_rows)
-        self._draw(block, first_row, slice(self._drawn_rows, stop))
+        yield from self._draw(block, first_row, slice(self._drawn_rows, stop))
         self._seen_rows, self._drawn_rows = chunk.y1, stop
         keep = max(stop - MARGIN - first_row, 0)
         self._held = {} if last else {name: array[keep:].copy() for name, array in block.items()}
 
-    def _draw(self, block: dict, first_row: int, rows: slice) -> None:
+    def _draw(self, block: dict, first_row: int, rows: slice) -> Generator[None]:
         """Offers the pixels of `rows` of the image; `block` starts at row `first_row`, with neighbours."""
         width = next(iter(block.values())).shape[1]
         inner = slice(rows.start - first_row, rows.stop - first_row)
-        codes = self._codes(block, inner)
+        codes = yield from self._codes(block, inner)
         pixels = np.arange(rows.start * width, rows.stop * width, dtype=np.uint32)
         priorities: dict[str, np.ndarray] = {}
         for layer in self._watched:
@@ -242,8 +244,9 @@ class ProbeCollector:
             values, *surface = (_flat(block[name][inner]) for name in names)
             self.totals[layer.name] += float(_finite(values).sum())
             self._offer(layer, codes[layer.name], [priorities[layer.effect], pixels, values, *surface])
+            yield
 
-    def _codes(self, block: dict, rows: slice) -> dict[str, np.ndarray]:
+    def _codes(self, block: dict, rows: slice) -> Generator[None, None, dict[str, np.ndarray]]:
         """Each layer's codes (pixels,) uint16 at `rows` of the block: a few rows at a time, since what stays
         in the cache is twice as fast."""
         height, width = next(iter(block.values())).shape[:2]
@@ -258,6 +261,7 @@ class ProbeCollector:
             outer = slice((y0 - rows.start) * width, (y1 - rows.start) * width)
             for layer in self._watched:
                 codes[layer.name][outer] = layer.codes(band, block["layer", layer.name][near])[inner]
+            yield
         return codes
 
     def _offer(self, layer: Watched, code: np.ndarray, columns: list[np.ndarray]) -> None:

@@ -74,7 +74,10 @@ def measure_visibility(
 def _screened(strata, probes, weigh, screen, reference, seed) -> Generator[None, None, list]:
     """Shares the screening out so that a bad pixel that is missed costs the same in every stratum, or less
     where errors are likely."""
-    weights = [np.asarray(weigh(stratum.points), np.float64) for stratum in strata]
+    weights = []
+    for stratum in strata:
+        weights.append(np.asarray(weigh(stratum.points), np.float64))
+        yield
     pairs = list(zip(strata, weights, strict=True))
     wishes = [LIKELY.get(s.difficulty, 1.0) * s.population * float(w.mean()) for s, w in pairs]
     looks = np.zeros(len(strata), np.int64)
