@@ -14,11 +14,17 @@ import bpy
 
 SOURCE, SCENE, RESULT, *MORE = sys.argv[sys.argv.index("--") + 1 :]
 FRAMES = 24
-LIGHTS = {"Sun": ("rotation_euler", 0.004), "Lantern light": ("location", 0.01)}
+LIGHTS = {
+    "Sun": ("rotation_euler", 0.004),
+    "Sky panel": ("location", 0.01),
+    "Wall lantern light": ("location", 0.01),
+    "Lantern light": ("location", 0.01),
+}
 DRAWN = []
 
 
 def imported():
+    sys.path.insert(0, str(Path(RESULT).parent))  # the kernels are there
     spec = importlib.util.spec_from_file_location(
         "strata", f"{SOURCE}/__init__.py", submodule_search_locations=[SOURCE]
     )
@@ -56,9 +62,9 @@ def settled(preview, region):
     started, shown = time.perf_counter(), []
     while time.perf_counter() < started + 120.0:
         state = preview.state_of(region)
-        if state.samples and (not shown or shown[-1][1] != state.samples):
+        if state and state.samples and (not shown or shown[-1][1] != state.samples):
             shown.append((time.perf_counter() - started, state.samples, state.error))
-        if state.is_converged:
+        if state and state.is_converged:
             return shown
         yield 0.01
     return shown
@@ -86,18 +92,35 @@ def person(found):
         yield from eevee(found, space, region)
         return
     preview = imported()
-    DRAWN.clear()
-    while len(DRAWN) < FRAMES:
-        region.tag_redraw()
-        yield 0.0
+    scene = bpy.context.scene
+    for _ in range(2):  # the first ones still smooth edges
+        DRAWN.clear()
+        while len(DRAWN) < FRAMES:
+            region.tag_redraw()
+            yield 0.0
     found["alone"] = rate()
+    yield from drag("Sun", FRAMES)
+    found["alone dragged"] = rate()
+
+    # Over Blender's own picture.
     started = time.perf_counter()
-    preview.enable(bpy.context.scene)
+    preview.enable(scene)
     while not ((state := preview.state_of(region)) and state.frame_ms):
         yield 0.0
     found["first"] = time.perf_counter() - started
     found["first still"] = yield from settled(preview, region)
     yield 4.0  # warm
+    found["solid"] = {}
+    for name in LIGHTS:
+        yield from drag(name, FRAMES)
+        found["solid"][name] = rate()
+    preview.disable(scene)
+
+    # As the engine of the rendered viewport, where Blender draws nothing else.
+    scene.render.engine, space.shading.type = "STRATA", "RENDERED"
+    yield 1.0
+    yield from settled(preview, region)
+    yield 4.0
     found["lights"] = {}
     for name in LIGHTS:
         yield from drag(name, FRAMES)
@@ -113,7 +136,7 @@ def person(found):
         }
         found["lights"][name]["still"] = yield from settled(preview, region)
         yield 2.0
-    settings = bpy.context.scene.strata.soft_shadow  # the effect that the table is about
+    settings = scene.strata.soft_shadow  # the effect that the table is about
     sliders = []
     for value in (2, 1):
         before = preview.state_of(region)
