@@ -1,4 +1,5 @@
-"""Cycles as a judge and as a rival: one light's shadow as the ratio of a lit to an unshadowed render.
+"""Cycles as a judge and as a rival: one light's shadow as the ratio of a lit to an unshadowed render, or what
+media scatter of its light.
 
 Both renders use the same seed and so the same light samples: their ratio is Cycles' own estimate of
 V = sum of visible * w / sum of w, and the pass that is divided (diffuse direct, without albedo) holds nothing
@@ -136,27 +137,44 @@ def render(
 ) -> Render:
     """Diffuse light that comes straight from `lamp`, alone in the scene; with `shadow` off nothing blocks it.
     `filter_width` in pixels, None for the scene's own filter. Leaves the scene as it was."""
+    more = [(lamp.data, "use_shadow", shadow)]
+    passes = ("Diffuse Direct", "DiffDir")
+    return _render(scene, lamp, samples, seed, size, filter_width, threads, more, passes)
+
+
+def airlight(scene, lamp, samples: int, *, seed: int = 0, size: tuple[int, int], threads: int = 2) -> Render:
+    """Radiance that media scatter once from `lamp`, alone in the scene, towards the camera, at pixel centres.
+    A world's volume is left out, since the world is. Leaves the scene as it was."""
+    more = [
+        (scene.view_layers[0].cycles, "use_pass_volume_direct", True),
+        (scene.cycles, "volume_bounces", 0),
+    ]
+    passes = ("Volume Direct", "VolumeDir")
+    return _render(scene, lamp, samples, seed, size, POINT_FILTER_WIDTH, threads, more, passes)
+
+
+def _render(scene, lamp, samples, seed, size, filter_width, threads, more, passes) -> Render:
     view_layer = scene.view_layers[0]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "render.exr"
         settings = _settings(scene, view_layer, lamp, samples, seed, size, filter_width, threads, path)
-        with _kept(*settings, (lamp.data, "use_shadow", shadow)):
+        with _kept(*settings, *more):
             started = time.perf_counter()
             bpy.ops.render.render(write_still=True, scene=scene.name)
             seconds = time.perf_counter() - started
-        return Render(_read(path, view_layer.name), seconds)
+        return Render(_read(path, view_layer.name, passes), seconds)
 
 
-def _read(path: Path, view_layer: str) -> np.ndarray:
+def _read(path: Path, view_layer: str, passes: tuple[str, ...]) -> np.ndarray:
+    """The pass, (height, width, 3), by whichever of its names it has."""
     with OpenEXR.File(str(path), separate_channels=True) as file:
         for part in file.parts:
-            channels = part.channels
-            names = [f"{view_layer}.Diffuse Direct.{letter}" for letter in "RGB"]
-            names = names if names[0] in channels else [f"{view_layer}.DiffDir.{letter}" for letter in "RGB"]
-            if names[0] in channels:
-                planes = [channels[name].pixels for name in names]
-                return np.ascontiguousarray(np.stack(planes, axis=2)[::-1], np.float32)
-    raise RuntimeError("Cycles wrote no diffuse direct pass")
+            for name in passes:
+                names = [f"{view_layer}.{name}.{letter}" for letter in "RGB"]
+                if names[0] in part.channels:
+                    planes = [part.channels[channel].pixels for channel in names]
+                    return np.ascontiguousarray(np.stack(planes, axis=2)[::-1], np.float32)
+    raise RuntimeError(f"Cycles wrote no pass {passes[0]}")
 
 
 @dataclass(frozen=True)
