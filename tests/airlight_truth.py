@@ -35,7 +35,8 @@ def _double_exponential(f, low: Decimal, high: Decimal, step: Decimal = Decimal(
 def point(height, tau0, tau1, extinction, anisotropy, radius, start=None) -> Decimal:
     """Integral over tau of exp(-extinction (tau - tau0 + travelled)) A(D) HG, per unit of intensity and of
     scattering, with D = sqrt(height^2 + tau^2), A = 2 / (q (q + D)), q = sqrt(D^2 + radius^2), and `start`
-    metres travelled until tau0 (None: the distance from the light). Cut into pieces a factor of e wide
+    metres travelled until tau0 (None: the distance from the light). HG's mean cosine is the anisotropy times
+    that of the directions that the light fills. Cut into pieces a factor of e wide
     around the closest point and around the start, and at every e-fold of extinction."""
     h, a, b, sigma, g, r = (Decimal(float(x)) for x in (height, tau0, tau1, extinction, anisotropy, radius))
 
@@ -47,9 +48,11 @@ def point(height, tau0, tau1, extinction, anisotropy, radius, start=None) -> Dec
     def f(tau):
         d = distance(tau)
         q = (d * d + r * r).sqrt()
-        m = 1 + g * g + 2 * g * tau / d
+        # Of a light that fills a cone of directions, the mean of their cosines to its middle.
+        mean = g * (1 - r * r / (2 * q * (q + d)))
+        m = 1 + mean * mean + 2 * mean * tau / d
         spent = (tau - a) + (d - first)
-        return (-sigma * spent).exp() * 2 / (q * (q + d)) * (1 - g * g) / (4 * PI * m * m.sqrt())
+        return (-sigma * spent).exp() * 2 / (q * (q + d)) * (1 - mean * mean) / (4 * PI * m * m.sqrt())
 
     cuts = {a, b}
     sharp = h * (1 - abs(g)) / (1 + abs(g))

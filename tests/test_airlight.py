@@ -159,7 +159,7 @@ def test_rows_of_pixels_agree_with_single_rays():
     starts = near * lengths
     directions = across / lengths[:, None]
     a_medium = medium([0.1, 0.2, 0.3], [0.15, 0.2, 0.9], 0.5)
-    for a_source in (source(position=(0.4, 1.0, 0.5), radius=0.1), source(0, axis=(0.48, 0.6, -0.64))):
+    for a_source in (source(position=(0.4, 1.0, 0.5), radius=0.001), source(0, axis=(0.48, 0.6, -0.64))):
         origins = np.array(eye) + starts[:, None] * directions  # the medium begins at the near plane
         limits = np.stack([np.zeros_like(ends), np.maximum(ends - starts, 0.0)], 1)
         exact = strata_kernels.airlight_along(origins, directions, limits, a_medium, a_source)
@@ -298,3 +298,52 @@ def test_upsampling_keeps_to_its_own_depth():
     slope = np.repeat(np.arange(4, dtype=np.float32)[None, :, None], 4, 0) * np.ones(3, np.float32)
     image = strata_kernels.upsample_by_depth(slope, ramp[1::2, 1::2].copy(), ramp, 2, (1, 1))
     assert image[:, 2, 0] == pytest.approx(0.5, abs=2e-3)
+
+
+def _beside_a_disk(height, length, g, radius, along=None, cos_cone=-1.0, blend=0.0):
+    """Brute force in double precision: a ray along +Y whose middle is `height` beside a disk of `radius` that
+    turns to every point, its directions one by one; without extinction. `along`: a spot's axis."""
+    sides = np.geomspace(1e-4 * radius, 0.5 * length, 500)
+    tau = np.concatenate([-sides[::-1], sides])
+    points = np.stack([np.full_like(tau, height), tau, np.zeros_like(tau)], 1)
+    away = np.linalg.norm(points, axis=1)
+    middle = points / away[:, None]
+    first = np.cross(middle, [0.0, 0.0, 1.0])
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(middle, first)
+    lowest = away / np.hypot(away, radius)
+    values = np.zeros_like(tau)
+    turns = 2.0 * np.pi * (np.arange(96) + 0.5) / 96
+    for ring in (np.arange(96) + 0.5) / 96:
+        lean = lowest + (1.0 - lowest) * ring
+        out = np.sqrt(1.0 - lean**2)
+        for turn in turns:
+            across = math.cos(turn) * first + math.sin(turn) * second
+            light = lean[:, None] * middle + out[:, None] * across
+            share = np.ones_like(tau)
+            if along is not None:
+                x = np.clip((light @ along - cos_cone) / ((1.0 - cos_cone) * blend), 0.0, 1.0)
+                share = x * x * (3.0 - 2.0 * x)
+            values += share * (1 - g * g) / (4 * math.pi * (1 + g * g + 2 * g * light[:, 1]) ** 1.5)
+    fluence = 2.0 * (1.0 - lowest) / radius**2
+    return np.trapezoid(fluence * values / (96 * 96), tau)
+
+
+@pytest.mark.parametrize("g", [0.0, 0.35, -0.6])
+@pytest.mark.parametrize("height", [0.1, 0.5, 1.0, 3.0])
+def test_a_ray_beside_a_disk(height, g):
+    """Near a light the phase function is averaged over all of it."""
+    exact = _beside_a_disk(0.02 * height, 8.0, g, 0.02)
+    value = along_y((0.02 * height, -4.0, 0.0), 8.0, medium(1e-4, 1e-4, g), source(radius=0.02)) * 1e4
+    assert value[0] == pytest.approx(exact, rel=0.01)
+
+
+@pytest.mark.parametrize(("height", "bound"), [(1.0, 0.025), (3.0, 0.01), (6.0, 0.01)])
+def test_a_ray_beside_a_spot_with_a_size(height, bound):
+    """Its cone's edge is blurred by the angle that the disk fills; sixteen directions of a disk as near as
+    its radius see a narrow cone's edge in steps."""
+    along, cone = np.array([0.96, 0.0, -0.28]), {"cos_cone": math.cos(0.45), "blend": 0.25}
+    exact = _beside_a_disk(0.02 * height, 8.0, 0.35, 0.02, along, **cone)
+    spot = source(2, axis=along, radius=0.02, **cone)
+    value = along_y((0.02 * height, -4.0, 0.0), 8.0, medium(1e-4, 1e-4, 0.35), spot) * 1e4
+    assert value[0] == pytest.approx(exact, rel=bound)

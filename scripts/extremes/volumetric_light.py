@@ -37,6 +37,7 @@ def _along_y(
         medium=medium,
         source=source,
         windows=1,
+        counts=(0,),
         order=4,
         stride=1,
         chunk=Chunk(1, 1, 0, 1, 0, (0.0, 0.0)),

@@ -5,20 +5,29 @@
 //   params.window  left, bottom, and texels per slope (metre) across and up; params.reach: right, top, near
 //   params.map     width and height in texels, levels, 1 where there is a map and 0 where all in the window is lit
 //   params.map_x   the map's axes, with the camera's eye in them as w
-//   params.walk    nodes a panel
+//   params.walk    nodes a panel; row of a block that stands for it; the share of the source that the map is of
+//   params.table   with TABLE, the source's own method: its reach, and metres from the eye to the light
+struct Ray {
+  vec3 origin;  // relative to the eye
+  vec3 direction;
+  float start;   // where the medium begins
+  float before;  // metres of it before that
+};
+
+Ray ray;
+
+#ifdef LOOKED_UP
+#include "way.glsl"
+#endif
+#ifdef BOUNDED
+#include "spans.glsl"
+#endif
 #include "integral.glsl"
 #include "map_lines.glsl"
 
 const float FAR = 1e9;
 const float ENDLESS = 1e15;
 
-struct Ray {
-  vec3 origin;  // relative to the eye
-  vec3 direction;
-  float start;  // where the medium begins
-};
-
-Ray ray;
 Seen seen;
 vec3 total = vec3(0.0);
 
@@ -27,12 +36,17 @@ void stretch(float from, float to)
   if (to <= from) {
     return;
   }
-  float before = from - ray.start;
+  float before = ray.before + (from - ray.start);
 #ifdef DISTANT
-  total += distant_light(ray.direction, before, to - from);
+  total += distant_light(ray.direction, from, before, to - from);
+#elif defined(TABLE)
+  total += tabled(seen, to) - tabled(seen, from);
 #else
   float tau = from - seen.closest;
-  total += near_light(seen, tau, to - from, before + sqrt(seen.height * seen.height + tau * tau));
+#  ifndef LOOKED_UP
+  before += sqrt(seen.height * seen.height + tau * tau);
+#  endif
+  total += near_light(seen, tau, to - from, before);
 #endif
 }
 
@@ -217,12 +231,19 @@ void pieces(float from, float to)
 #if defined(SPOT) || defined(AREA)
   float low = from - seen.closest, high = to - seen.closest;
   vec4 cuts;
+  float darkest = 0.0;  // the cosine beyond which nothing shines
 #  ifdef SPOT
-  cuts = vec4(cone_cuts(params.cone.x), cone_cuts(params.cone.w));
+  float blurred = BLURRED * 2.0 * asin(min(sqrt(0.5 * filled(seen.height)), 1.0));
+  darkest = cos(min(params.cone.z + blurred, PI));
+  cuts = vec4(cone_cuts(darkest), vec2(high));
+  if (params.cone.w > blurred && (params.cone.w < params.cone.z || blurred > 0.0)) {
+    cuts.zw = cone_cuts(cos(params.cone.w - blurred));
+  }
 #  else
   cuts.x = seen.along1 != 0.0 ? -seen.along0 / seen.along1 : LARGEST_DEPTH;
   cuts.yz = params.cone.y != 0.0 ? cone_cuts(params.cone.z) : vec2(LARGEST_DEPTH);
   cuts.w = high;
+  darkest = params.cone.y != 0.0 ? params.cone.z : 0.0;
 #  endif
   for (int i = 0; i < 4; i++) {
     cuts[i] = cuts[i] > low && cuts[i] < high ? cuts[i] : high;
@@ -235,7 +256,7 @@ void pieces(float from, float to)
   for (int i = 0; i < 5; i++) {
     float cut = i < 4 ? cuts[i] : high;
     float middle = cut < 0.5 * ENDLESS ? 0.5 * (start + cut) : 2.0 * max(abs(start), seen.height);
-    if (cut > start && relative_intensity(seen, middle, sqrt(seen.height * seen.height + middle * middle)) > 0.0) {
+    if (cut > start && seen.along0 + middle * seen.along1 >= darkest * sqrt(seen.height * seen.height + middle * middle)) {
       piece(start + seen.closest, cut + seen.closest);
     }
     start = cut;
@@ -268,9 +289,28 @@ void main()
   ray.start = params.forward.w * per_depth;
   float end = min(depth_here, ENDLESS) * per_depth;
   seen = seen_from_light(ray.origin - params.light.xyz, ray.direction);
+  ray.before = 0.0;
+#ifdef BOUNDED
+  float near = ray.start, since = near;
+  int count = read_crossings(pixel, per_depth);
+  bool inside = (count & 1) == 1;
+  for (int i = 0; i < count; i++) {
+    if (inside) {
+      ray.start = max(since, near);
+      float stop = min(crossings[i], end);
+      if (ray.start < stop) {
+        pieces(ray.start, stop);
+        ray.before += stop - ray.start;
+      }
+    }
+    since = crossings[i];
+    inside = !inside;
+  }
+#else
   if (end > ray.start) {
     pieces(ray.start, end);
   }
+#endif
   vec3 before = params.size.z != 0.0 ? vec3(0.0) : imageLoad(result, pixel).rgb;
-  imageStore(result, pixel, vec4(before + total, 0.0));
+  imageStore(result, pixel, vec4(before + params.walk.z * total, 0.0));
 }

@@ -8,7 +8,11 @@ const float PANEL_WIDTH = 0.6;
 const float PANEL_WIDTH = 2.0;
 #endif
 const float PANEL_DEPTH = 6.0;
+#ifdef LOOKED_UP
+const float OPAQUE = 100.0;  // of light from outside s grows faster than what it goes through
+#else
 const float OPAQUE = 20.0;
+#endif
 const int MOST_PANELS = 256;
 
 // (1 - exp(-x)) / x.
@@ -39,8 +43,8 @@ vec2 further(float start, float slope, float d)
   return vec2(2.0 * s * (slope * c + start * s), slope + 2.0 * s * (slope * s + start * c));
 }
 
-// A stretch from `tau` on, `length_m` metres long, `travelled` metres of medium until there; channels whose
-// extinctions lie between `low` and `high`.
+// A stretch from `tau` on, `length_m` metres long, `travelled` metres of medium until there (where the light's way is
+// looked up: along the ray only); channels whose extinctions lie between `low` and `high`.
 vec3 near_group(Seen seen, float tau, float length_m, float travelled, float low, float high)
 {
   float h = seen.height;
@@ -54,7 +58,7 @@ vec3 near_group(Seen seen, float tau, float length_m, float travelled, float low
   }
   float c = params.extinction.w > 0.0 ? params.phase.w : 1.0;
   if (params.light.w > 0.0) {
-    c = min(c, 0.5 * h / params.light.w);
+    c = min(c, h * params.phase.z);
   }
   if (high > 0.0) {
     c = min(c, 1.0 / high / h);
@@ -66,6 +70,11 @@ vec3 near_group(Seen seen, float tau, float length_m, float travelled, float low
   float step_y = width / float(panels);
   int order = int(params.walk.x);
   float start = z0, before = 0.0;
+  float turned = abs(params.extinction.w);
+  bool nearby = params.light.w > NEARBY * h;
+#ifndef SPOT
+  nearby = nearby && turned > 0.0 && turned <= SHARPEST;
+#endif
   vec3 sum = vec3(0.0);
   for (int panel = 0; panel < panels; panel++) {
     float slope = sqrt(c * c + start * start);
@@ -74,16 +83,24 @@ vec3 near_group(Seen seen, float tau, float length_m, float travelled, float low
       vec2 grown = further(start, slope, step_y * node.x);
       float z = start + grown.x, mirrored = 1.0 / z, z2 = z * z;
       float away = 0.5 * h * (z + mirrored);
-      float turned = (params.extinction.w >= 0.0 ? z2 : 1.0) / (1.0 + z2);
-      float square = params.phase.x + params.phase.y * turned;
-      float value = params.phase.z / (square * sqrt(square)) * falloff(away) * (away * mirrored) * grown.y;
-      value *= relative_intensity(seen, 0.5 * h * (z - mirrored), away) * (node.y * step_y);
+      float value = falloff(away) * (away * mirrored) * grown.y * (node.y * step_y);
+      value *= scattered_share(seen, 0.5 * h * (z - mirrored), away, z2 / (1.0 + z2), nearby);
+#ifdef LOOKED_UP
+      float t = 0.5 * h * (z - mirrored) + seen.closest;
+      float path = travelled + (t - (tau + seen.closest)) + way_travelled(ray.origin + t * ray.direction);
+      sum += value * exp(-params.extinction.xyz * path);
+#else
       sum += value * exp(-params.extinction.xyz * h * (before + grown.x));
+#endif
     }
     before += further(start, slope, step_y).x;
     start = z0 + before;
   }
+#ifdef LOOKED_UP
+  return sum;
+#else
   return sum * exp(-params.extinction.xyz * travelled);
+#endif
 }
 
 vec3 near_light(Seen seen, float tau, float length_m, float travelled)
@@ -102,14 +119,45 @@ vec3 near_light(Seen seen, float tau, float length_m, float travelled)
   return sum * params.scattering.xyz;
 }
 
-// A sun's light: `from` metres of medium before the stretch.
-vec3 distant_light(vec3 direction, float from, float length_m)
+// A sun's light from `from` on along the ray, `before` metres of medium before that.
+vec3 distant_light(vec3 direction, float from, float before, float length_m)
 {
   vec3 turn = cross(params.axis.xyz, direction);
   float along = dot(params.axis.xyz, direction);
   float small = 0.5 * dot(turn, turn) / (1.0 + abs(along));
-  float value = phase(along < 0.0 ? small : 1.0 - small);
+  float value = phase(along < 0.0 ? small : 1.0 - small, 0.0);
+#ifdef LOOKED_UP
+  float thickest = max(params.extinction.x, max(params.extinction.y, params.extinction.z));
+  int panels = int(clamp(ceil(thickest * length_m / 3.0), 1.0, 64.0));
+  float step_m = length_m / float(panels);
+  vec3 sum = vec3(0.0);
+  for (int panel = 0; panel < panels; panel++) {
+    for (int i = 0; i < int(params.walk.x); i++) {
+      vec2 node = texelFetch(nodes, ivec2(i, 0), 0).xy;
+      float further_m = step_m * (float(panel) + node.x);
+      float path = before + further_m + way_travelled(ray.origin + (from + further_m) * direction);
+      sum += node.y * step_m * exp(-params.extinction.xyz * path);
+    }
+  }
+  return params.scattering.xyz * value * sum;
+#else
   vec3 e = params.extinction.xyz * length_m;
   vec3 mean = vec3(mean_transmittance(e.x), mean_transmittance(e.y), mean_transmittance(e.z));
-  return params.scattering.xyz * value * length_m * mean * exp(-params.extinction.xyz * from);
+  return params.scattering.xyz * value * length_m * mean * exp(-params.extinction.xyz * before);
+#endif
 }
+
+#ifdef TABLE
+// The antiderivative at `t` metres: table.rs `Table::at`.
+vec3 tabled(Seen seen, float t)
+{
+  float cosine = params.table.y > 0.0 ? -seen.closest / params.table.y : 1.0;
+  vec2 most = vec2(textureSize(table, 0) - 1);
+  vec2 at = vec2(clamp(t / params.table.x, 0.0, 1.0), clamp(sqrt(max(0.5 + 0.5 * cosine, 0.0)), 0.0, 1.0)) * most;
+  ivec2 low = min(ivec2(at), ivec2(most) - 1);
+  vec2 share = at - vec2(low);
+  vec3 below = mix(texelFetch(table, low, 0).rgb, texelFetch(table, low + ivec2(1, 0), 0).rgb, share.x);
+  vec3 above = mix(texelFetch(table, low + ivec2(0, 1), 0).rgb, texelFetch(table, low + ivec2(1, 1), 0).rgb, share.x);
+  return mix(below, above, share.y);
+}
+#endif

@@ -53,11 +53,11 @@ class VolumetricLightParams(Params):
         doc="Mean cosine of scattering (Henyey-Greenstein): above 0 light mostly goes on, below it returns",
     )
     light_samples: int = param(
-        4,
+        8,
         hard=(1, 256),
         soft=(1, 32),
         trades_time=True,
-        doc="Points that a light with a size is taken as, each with its own shadows",
+        doc="Points of a light with a size that cast shadows, each with its maps; of a sun twice as many",
     )
     resolution: int = param(
         1024, hard=(64, 4096), unit="texel", trades_time=True, doc="Side of each light's depth map"

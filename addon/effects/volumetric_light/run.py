@@ -11,6 +11,7 @@ from ...core.emitter import EmitterKind
 from ...core.graph import Node
 from ...core.outline import Light, Outline
 from ...core.recorder import Recorder
+from ...core.view import Vector
 from ..shared import steps as shared
 from ..shared.light_views import NamedView, distant_view, point_views
 from . import steps
@@ -112,41 +113,47 @@ def _unneeded(light: Light, region: np.ndarray) -> str | None:
 
 
 def _part(recorder, outline, params, stride, fill, surface, light, number, source, casters, region) -> Node:
-    """The step that integrates one point of a light."""
-    name = f"{light.name} {number}" if light.emitter.half_width else light.name
+    """The step that integrates one source of a light."""
+    is_only = len(source.eyes) > 1 or not light.emitter.half_width
+    name = light.name if is_only else f"{light.name} {number}"
+    boxes = outline.instances.boxes_of(casters)
+    maps, counts, windows = [], [], 6
+    for index, eye in enumerate(source.eyes):
+        views = _views(light, source, eye, boxes, region[None]) if casters else []
+        point = f"{name} {index}" if len(source.eyes) > 1 else name
+        for face, view in views:
+            instance = f"{point} {face}".strip()
+            size = (params.resolution, params.resolution)
+            depth = shared.layered_depth(recorder, outline, view, casters, 1, size, instance)
+            maps.append(recorder.step(steps.LIGHT_MAP, depth, instance=instance, view=view))
+        counts.append(len(views))
+        # A single frustum has no name; around it all is lit. Cube faces leave nothing out.
+        windows = 1 if any(face == "" for face, _ in views) else windows
     common = {
         "instance": name,
         "view": outline.view,
         "medium": fill.medium,
         "source": source,
+        "counts": tuple(counts),
+        "windows": windows,
         "stride": stride,
     }
-    boxes = outline.instances.boxes_of(casters)
-    views = _views(light, source, boxes, region[None]) if casters else []
-    maps = []
-    for face, view in views:
-        instance = f"{name} {face}".strip()
-        size = (params.resolution, params.resolution)
-        depth = shared.layered_depth(recorder, outline, view, casters, 1, size, instance)
-        maps.append(recorder.step(steps.LIGHT_MAP, depth, instance=instance, view=view))
     if fill.instances is not None:
         spans = _spans(recorder, outline, fill, stride)
         ways = _ways(recorder, outline, fill, light, source, name)
         inputs = (surface, spans, *maps, *ways)
-        return recorder.step(steps.BOUNDED, *inputs, maps=len(maps), order=params.order, **common)
+        return recorder.step(steps.BOUNDED, *inputs, order=params.order, **common)
     if params.method == Method.LUT and source.kind == SourceKind.UNIFORM and not outline.view.orthographic:
         reach = _reach(outline, region)
         return recorder.step(steps.BY_TABLE, surface, *maps, reach=reach, **common)
-    # A single frustum has no name; around it all is lit. Cube faces leave nothing out.
-    windows = 1 if all(face == "" for face, _ in views) else 6
-    return recorder.step(steps.AIRLIGHT, surface, *maps, windows=windows, order=params.order, **common)
+    return recorder.step(steps.AIRLIGHT, surface, *maps, order=params.order, **common)
 
 
 def _ways(recorder, outline, fill, light, source, name) -> list[Node]:
     """Maps of a bounded medium from a light, for the way that light comes through it."""
     inside = outline.instances.boxes_of(fill.instances)
     ways = []
-    for face, view in _views(light, source, inside, inside):
+    for face, view in _views(light, source, source.position, inside, inside):
         instance = f"{name} {face} medium"
         size = (MEDIUM_RESOLUTION, MEDIUM_RESOLUTION)
         depth = shared.layered_depth(recorder, outline, view, fill.instances, MEDIUM_LAYERS, size, instance)
@@ -167,7 +174,10 @@ def _spans(recorder: Recorder, outline: Outline, fill: Fill, stride: int) -> Nod
     )
 
 
-def _views(light: Light, source: Source, boxes: np.ndarray, region: np.ndarray) -> list[NamedView]:
+def _views(
+    light: Light, source: Source, eye: Vector, boxes: np.ndarray, region: np.ndarray
+) -> list[NamedView]:
+    """Of `boxes` from a point of the source; a distant one sees them along its axis."""
     emitter = light.emitter
     if source.kind == SourceKind.DISTANT:
         forward = np.array(source.axis)
@@ -179,10 +189,10 @@ def _views(light: Light, source: Source, boxes: np.ndarray, region: np.ndarray) 
     axes = np.array([emitter.right, emitter.up, emitter.forward])
     if source.kind == SourceKind.SPOT and source.cos_cone > 0.0:
         tangent = math.sqrt(1.0 - source.cos_cone**2) / source.cos_cone
-        return point_views(source.position, axes, tangent, boxes)
+        return point_views(eye, axes, tangent, boxes)
     is_area = emitter.kind in (EmitterKind.RECTANGLE, EmitterKind.ELLIPSE)
     tangent = source.tan_half_spread if is_area else math.inf
-    return point_views(source.position, axes, tangent, boxes, behind=not is_area)
+    return point_views(eye, axes, tangent, boxes, behind=not is_area)
 
 
 def _reach(outline: Outline, region: np.ndarray) -> float:

@@ -1,4 +1,4 @@
-"""Lights as a few points each: what the airlight integral knows."""
+"""Lights as the airlight integral knows them, and the few points that cast their shadows."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class SourceKind(IntEnum):
 @dataclass(frozen=True)
 class Source:
     """World space, metres. `radius` softens the inverse square nearby, as a disk (or, `is_sphere`, a sphere)
-    of that size does; `share` of the light's intensity or fluence comes from here. Twin of
-    kernels/src/volumetric_light/source.rs."""
+    of that size does; `share` of the light's intensity or fluence comes from here. Its shadows are the mean
+    of those of the points `eyes`. Twin of kernels/src/volumetric_light/source.rs."""
 
     kind: SourceKind
     position: Vector
@@ -40,6 +40,7 @@ class Source:
     cos_cone: float = -1.0
     blend: float = 0.0
     tan_half_spread: float = math.inf
+    eyes: tuple[Vector, ...] = ()
 
     def packed(self) -> np.ndarray:
         """(13,) float64: kind, position, axis, radius, is_sphere, cos_cone, blend, tan_half_spread, 0."""
@@ -48,10 +49,12 @@ class Source:
 
 
 def sources_of(light: Light, count: int) -> tuple[Source, ...]:
-    """`light` as at most `count` points of equal shares; one where it has no size."""
+    """`light` with at most `count` points that cast shadows, a sun twice as many; one where it has no size. A
+    sun and an area light shine from each of them with equal shares, others from the centre with the shadows
+    of all."""
     emitter = light.emitter
     if emitter.kind == EmitterKind.DISTANT_DISK:
-        return _distant(emitter, count)
+        return _distant(emitter, 2 * count)
     if emitter.kind in (EmitterKind.RECTANGLE, EmitterKind.ELLIPSE):
         return _area(emitter, count)
     return _round(emitter, count)
@@ -76,7 +79,10 @@ def _distant(emitter: Emitter, count: int) -> tuple[Source, ...]:
     axes = heights[:, None] * np.array(emitter.forward) + across * (
         np.cos(turns)[:, None] * emitter.right + np.sin(turns)[:, None] * emitter.up
     )
-    return tuple(Source(SourceKind.DISTANT, (0.0, 0.0, 0.0), _vector(axis), fluence / count) for axis in axes)
+    origin = (0.0, 0.0, 0.0)
+    return tuple(
+        Source(SourceKind.DISTANT, origin, _vector(axis), fluence / count, eyes=(origin,)) for axis in axes
+    )
 
 
 def _area(emitter: Emitter, count: int) -> tuple[Source, ...]:
@@ -101,14 +107,16 @@ def _area(emitter: Emitter, count: int) -> tuple[Source, ...]:
             1.0 / len(points),
             radius,
             tan_half_spread=emitter.tan_half_spread,
+            eyes=(_vector(point),),
         )
         for point in points
     )
 
 
 def _round(emitter: Emitter, count: int) -> tuple[Source, ...]:
-    """Points and spots. From everywhere they look like an even disk; so does a ball whose density at radius R
-    goes as 1 / sqrt(r^2 - R^2) (Abel's transform of a disk), and it has fixed points."""
+    """Points and spots. They shine from the centre: the integral knows how large a disk they look like from
+    each place. A ball whose density at radius R goes as 1 / sqrt(r^2 - R^2) looks like an even disk from
+    everywhere too (Abel's transform), and it has fixed points: those cast the shadows."""
     if emitter.half_width == 0.0:
         count = 1
     offsets = np.zeros((1, 3))
@@ -126,16 +134,15 @@ def _round(emitter: Emitter, count: int) -> tuple[Source, ...]:
         offsets = directions * radii[:, None]
         offsets = offsets - offsets.mean(axis=0)
     kind = SourceKind.SPOT if emitter.cos_cone > -1.0 else SourceKind.UNIFORM
-    return tuple(
-        Source(
-            kind,
-            _vector(np.array(emitter.centre) + offset),
-            emitter.forward,
-            1.0 / len(offsets),
-            emitter.half_width / math.sqrt(len(offsets)),
-            emitter.kind == EmitterKind.SPHERE,
-            emitter.cos_cone,
-            emitter.blend,
-        )
-        for offset in offsets
+    source = Source(
+        kind,
+        emitter.centre,
+        emitter.forward,
+        1.0,
+        emitter.half_width,
+        emitter.kind == EmitterKind.SPHERE,
+        emitter.cos_cone,
+        emitter.blend,
+        eyes=tuple(_vector(np.array(emitter.centre) + offset) for offset in offsets),
     )
+    return (source,)

@@ -9,9 +9,7 @@ from ...core.medium import Medium
 from ...core.surface import Chunk
 from . import gpu_steps
 from .lattice import lattice_of, offset_of
-
-BOUNDED_HOLE = "the way that light has come through a mesh's medium is looked up on the CPU"
-TABLE_HOLE = "the table is there to compare with, on the CPU"
+from .sources import Source
 
 
 def _light_map(device, depth, view):
@@ -42,28 +40,41 @@ def _coarse_depth(depth: np.ndarray, chunk: Chunk, stride: int) -> np.ndarray:
     return np.ascontiguousarray(depth[dy::stride, dx::stride])
 
 
-def _airlight(device, surface, *maps, view, medium: Medium, source, windows, order, stride, chunk: Chunk):
-    return _kernel(device, surface, maps, view, medium, source, order, stride, chunk)
+def _airlight(device, surface, *maps, windows, **common):
+    return _kernel(device, surface, maps, **common)
 
 
-def _by_table(device, surface, *maps, view, medium: Medium, source, reach, stride, chunk: Chunk):
-    return _kernel(device, surface, maps, view, medium, source, 8, stride, chunk, table_reach=reach)
+def _by_table(device, surface, *maps, windows, reach, **common):
+    return _kernel(device, surface, maps, order=8, table_reach=reach, **common)
 
 
-def _bounded(
-    device, surface, spans, *inputs, view, medium: Medium, source, maps, order, stride, chunk: Chunk
+def _bounded(device, surface, spans, *inputs, counts, windows, **common):
+    count = sum(counts)
+    maps, ways = inputs[:count], list(inputs[count:])
+    return _kernel(device, surface, maps, counts=counts, spans=spans, medium_maps=ways, **common)
+
+
+def _kernel(
+    device,
+    surface,
+    maps,
+    *,
+    view,
+    medium: Medium,
+    source: Source,
+    counts: tuple[int, ...],
+    order: int,
+    stride: int,
+    chunk: Chunk,
+    **more,
 ):
-    more = {"spans": spans, "medium_maps": list(inputs[maps:])}
-    return _kernel(device, surface, inputs[:maps], view, medium, source, order, stride, chunk, **more)
-
-
-def _kernel(device, surface, maps, view, medium, source, order, stride, chunk, **more):
     return device.kernels.airlight(
         _coarse_depth(surface["depth"], chunk, stride),
         lattice_of(view, chunk, stride).packed(),
         medium.packed(),
         source.packed(),
         list(maps),
+        counts=list(counts),
         order=order,
         cancel=device.cancel_flag,
         **more,
@@ -104,16 +115,20 @@ def _limits(surface, view, chunk: Chunk) -> tuple[np.ndarray, np.ndarray]:
 # A light's depth map with minima and maxima, for walking along rays.
 LIGHT_MAP = Step("volumetric_light/light_map", cpu=_light_map, gpu=gpu_steps.light_map, copyable=False)
 # A bounded medium's entries and exits from a light.
-MEDIUM_MAP = Step("volumetric_light/medium_map", cpu=_medium_map, hole=BOUNDED_HOLE, copyable=False)
+MEDIUM_MAP = Step("volumetric_light/medium_map", cpu=_medium_map, gpu=gpu_steps.medium_map, copyable=False)
 # A bounded medium's entries and exits along the camera's rays.
-SPANS = Step("volumetric_light/spans", cpu=_spans, hole=BOUNDED_HOLE, per_surface=True, told_chunk=True)
-# Light of one point of a light, scattered once towards the eye (source, eq. 2.2) in a medium without end.
+SPANS = Step("volumetric_light/spans", cpu=_spans, gpu=gpu_steps.spans, per_surface=True, told_chunk=True)
+# Light of one source of a light, scattered once towards the eye (source, eq. 2.2) in a medium without end.
 AIRLIGHT = Step("volumetric_light/airlight", cpu=_airlight, gpu=gpu_steps.airlight, told_chunk=True)
 # The same in a medium that fills meshes.
-BOUNDED = Step("volumetric_light/bounded_airlight", cpu=_bounded, hole=BOUNDED_HOLE, told_chunk=True)
+BOUNDED = Step(
+    "volumetric_light/bounded_airlight", cpu=_bounded, gpu=gpu_steps.bounded_airlight, told_chunk=True
+)
 # The same by the source's table of the antiderivative (source, listings 2.3 and 2.4).
-BY_TABLE = Step("volumetric_light/airlight_by_table", cpu=_by_table, hole=TABLE_HOLE, told_chunk=True)
-# All points of a light together, at every pixel.
+BY_TABLE = Step(
+    "volumetric_light/airlight_by_table", cpu=_by_table, gpu=gpu_steps.airlight_by_table, told_chunk=True
+)
+# All sources of a light together, at every pixel.
 SCATTERED = Step("volumetric_light/scattered", cpu=_scattered, gpu=gpu_steps.scattered, told_chunk=True)
 # What gets through the medium from a surface to the eye.
 TRANSMITTANCE = Step(
@@ -121,5 +136,8 @@ TRANSMITTANCE = Step(
 )
 # The same in a medium that fills meshes.
 BOUNDED_TRANSMITTANCE = Step(
-    "volumetric_light/bounded_transmittance", cpu=_bounded_transmittance, hole=BOUNDED_HOLE, told_chunk=True
+    "volumetric_light/bounded_transmittance",
+    cpu=_bounded_transmittance,
+    gpu=gpu_steps.bounded_transmittance,
+    told_chunk=True,
 )

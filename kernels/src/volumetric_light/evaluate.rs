@@ -2,7 +2,7 @@
 
 use super::integral::{self, Everywhere, Travelled, gauss_legendre};
 use super::lanes::{Batch, OpenRow, Setup};
-use super::map::LightMap;
+use super::map::{LightMap, lit_stretches};
 use super::medium::Medium;
 use super::rays::{Lattice, Ray};
 use super::source::{Profile, Seen, Source};
@@ -45,17 +45,11 @@ pub struct Scene<'a> {
     pub lattice: Lattice,
     pub medium: Medium,
     pub source: Source,
-    pub maps: Vec<&'a LightMap>,
+    /// Of each point that the source's shadows are cast from; all have the same share.
+    pub maps: Vec<Vec<&'a LightMap>>,
     pub bounded: Option<Bounded<'a>>,
     pub method: Method,
     pub order: usize,
-}
-
-/// A ray as one map sees it.
-struct InMap<'a> {
-    map: &'a LightMap,
-    origin: [f64; 3],
-    direction: [f64; 3],
 }
 
 impl Scene<'_> {
@@ -64,7 +58,7 @@ impl Scene<'_> {
         let mut image = vec![[0.0f32; 3]; depth.len()];
         let setup = Setup::new(&self.medium, &self.source, self.order);
         let looked_up = self.bounded.as_ref().is_some_and(|b| !b.surrounds_light());
-        let open = self.maps.is_empty()
+        let open = self.unshadowed()
             && self.bounded.is_none()
             && !self.lattice.orthographic
             && self.source.profile == Profile::Uniform
@@ -91,6 +85,7 @@ impl Scene<'_> {
                     setup: &setup,
                     batch: Batch::default(),
                     spans: Vec::new(),
+                    ends: Vec::new(),
                     nodes: gauss_legendre(self.order),
                     looked_up,
                 };
@@ -119,28 +114,27 @@ impl Scene<'_> {
         0.0
     }
 
-    fn is_lit(&self, point: [f64; 3]) -> bool {
-        self.maps.iter().all(|map| {
-            let vector = std::array::from_fn(|i| point[i] - map.view.eye[i]);
-            map.lights(map.coordinates(vector)).unwrap_or(true)
-        })
+    fn unshadowed(&self) -> bool {
+        self.maps.iter().all(Vec::is_empty)
     }
 }
 
 /// What a stretch of a ray is integrated by.
 #[derive(Clone, Copy)]
-struct Span {
-    pixel: usize,
+pub struct Span {
+    pub pixel: usize,
     /// Where the medium begins along the ray, and how much of it lies before.
-    from: f64,
-    before: f64,
+    pub from: f64,
+    pub before: f64,
 }
 
-struct Row<'a> {
-    scene: &'a Scene<'a>,
+pub struct Row<'a> {
+    pub scene: &'a Scene<'a>,
     setup: &'a Setup,
     batch: Batch,
     spans: Vec<(f64, f64)>,
+    /// Places along the ray where points of the source begin (1) or cease (-1) to light it.
+    ends: Vec<(f64, i32)>,
     nodes: Vec<(f64, f64)>,
     /// Whether the way that light has come through the medium has to be looked up.
     looked_up: bool,
@@ -193,7 +187,7 @@ impl Row<'_> {
             return self.piece(row, ray, seen, span, span.from, end);
         }
         let closest = seen.closest;
-        seen.pieces(&source.profile, span.from - closest, end - closest, |from, to| {
+        seen.pieces(source, span.from - closest, end - closest, |from, to| {
             self.piece(row, ray, seen, span, from + closest, to + closest);
         });
     }
@@ -203,54 +197,47 @@ impl Row<'_> {
         if let Method::March(steps) = self.scene.method {
             return self.march(row, ray, seen, span, from, to, steps);
         }
-        if self.scene.maps.is_empty() {
-            return self.stretch(row, ray, seen, span, from, to);
+        if self.scene.unshadowed() {
+            return self.stretch(row, ray, seen, span, from, to, 1.0);
         }
         let to = to.min(FAR);
-        let mut inside: Vec<(InMap, super::map::Inside)> = Vec::with_capacity(6);
-        for map in &self.scene.maps {
-            let vector = std::array::from_fn(|i| ray.origin[i] - map.view.eye[i]);
-            let seen = InMap {
-                map,
-                origin: map.coordinates(vector),
-                direction: map.coordinates(ray.direction),
-            };
-            if let Some(part) = map.inside(seen.origin, seen.direction, from, to) {
-                inside.push((seen, part));
+        if let [maps] = &self.scene.maps[..] {
+            return lit_stretches(maps, ray, from, to, |start, stop| {
+                self.stretch(row, ray, seen, span, start, stop, 1.0);
+            });
+        }
+        // The source's points see different stretches: between any two of their ends a share of them sees all.
+        let mut ends = std::mem::take(&mut self.ends);
+        ends.clear();
+        for maps in &self.scene.maps {
+            lit_stretches(maps, ray, from, to, |start, stop| {
+                ends.extend([(start, 1), (stop, -1)]);
+            });
+        }
+        ends.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let per_point = 1.0 / self.scene.maps.len() as f64;
+        let mut seeing = 0;
+        for (i, &(start, change)) in ends.iter().enumerate() {
+            seeing += change;
+            if seeing > 0 {
+                let stop = ends[i + 1].0;
+                self.stretch(row, ray, seen, span, start, stop, per_point * f64::from(seeing));
             }
         }
-        inside.sort_by(|a, b| a.1.from.total_cmp(&b.1.from));
-        // Stretches that meet are one; what no window shows has nothing before it.
-        let mut open: Option<(f64, f64)> = None;
-        let mut lit = |start: f64, stop: f64| match &mut open {
-            Some((_, end)) if start <= *end => *end = end.max(stop),
-            _ => {
-                if let Some((start, stop)) = open.replace((start, stop)) {
-                    self.stretch(row, ray, seen, span, start, stop);
-                }
-            }
-        };
-        let mut reached = from;
-        for (seen, mut part) in inside {
-            if part.from > reached {
-                lit(reached, part.from);
-            }
-            part.from = part.from.max(reached);
-            if part.from < part.to {
-                seen.map.walk(seen.origin, seen.direction, part, &mut lit);
-                reached = part.to;
-            }
-        }
-        if reached < to {
-            lit(reached, to);
-        }
-        if let Some((start, stop)) = open {
-            self.stretch(row, ray, seen, span, start, stop);
-        }
+        self.ends = ends;
     }
 
-    /// A lit stretch.
-    fn stretch(&mut self, row: &mut [[f32; 3]], ray: &Ray, seen: &Seen, span: Span, from: f64, to: f64) {
+    /// A stretch that `share` of the source lights.
+    fn stretch(
+        &mut self,
+        row: &mut [[f32; 3]],
+        ray: &Ray,
+        seen: &Seen,
+        span: Span,
+        from: f64,
+        to: f64,
+        share: f64,
+    ) {
         if to <= from {
             return;
         }
@@ -260,20 +247,29 @@ impl Row<'_> {
         if self.looked_up {
             let sum = self.bounded(ray, seen, before, from, to);
             for c in 0..3 {
-                row[span.pixel][c] += sum[c] as f32;
+                row[span.pixel][c] += (share * sum[c]) as f32;
             }
         } else if scene.source.distant {
             let (ahead, behind) = turn(&scene.source, ray);
             let sum = integral::distant(&scene.medium, ahead, behind, before, before + (to - from));
             for c in 0..3 {
-                row[span.pixel][c] += sum[c] as f32;
+                row[span.pixel][c] += (share * sum[c]) as f32;
             }
         } else if let Method::Table(table) = &scene.method {
-            table.add(&mut row[span.pixel], seen, from, to);
+            table.add(&mut row[span.pixel], seen, from, to, share as f32);
         } else {
             let travelled = before + seen.distance(tau);
-            self.batch
-                .push(self.setup, row, span.pixel, seen, tau, to - from, travelled);
+            let weight = share as f32;
+            self.batch.push(
+                self.setup,
+                row,
+                span.pixel,
+                seen,
+                tau,
+                to - from,
+                travelled,
+                weight,
+            );
         }
     }
 
@@ -294,7 +290,7 @@ impl Row<'_> {
             return integral::near(&scene.medium, &scene.source, seen, start, end, &way);
         }
         let (ahead, behind) = turn(&scene.source, ray);
-        let phase = scene.medium.phase(ahead, behind);
+        let phase = scene.medium.phase(ahead, behind, 0.0);
         let thickest = scene.medium.extinction.iter().fold(0.0f64, |a, &b| a.max(b));
         let panels = (thickest * (to - from) / 3.0).ceil().clamp(1.0, 64.0);
         let step = (to - from) / panels;
@@ -309,57 +305,10 @@ impl Row<'_> {
         }
         std::array::from_fn(|c| sum[c] * phase * scene.medium.scattering[c])
     }
-
-    /// So many steps from `from` to `to`, each looked up in the maps at one random place.
-    fn march(
-        &mut self,
-        row: &mut [[f32; 3]],
-        ray: &Ray,
-        seen: &Seen,
-        span: Span,
-        from: f64,
-        to: f64,
-        steps: usize,
-    ) {
-        let scene = self.scene;
-        let thinnest = scene
-            .medium
-            .extinction
-            .iter()
-            .fold(f64::INFINITY, |a, &b| a.min(b));
-        let to = to.min(from + 20.0 / thinnest);
-        let step = (to - from) / steps as f64;
-        let bits = (ray.direction[0].to_bits() ^ ray.direction[1].to_bits().rotate_left(17))
-            .wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let jitter = (bits >> 40) as f64 / (1u64 << 24) as f64;
-        for i in 0..steps {
-            let t = from + step * (i as f64 + jitter);
-            let point = std::array::from_fn(|k| ray.origin[k] + t * ray.direction[k]);
-            if !scene.is_lit(point) {
-                continue;
-            }
-            let mut metres = span.before + (t - span.from);
-            let (mut value, (ahead, behind)) = (step, turn(&scene.source, ray));
-            let mut phase = (ahead, behind);
-            if !scene.source.distant {
-                let tau = t - seen.closest;
-                let (distance, s) = (seen.distance(tau), seen.sum(tau));
-                metres += distance;
-                phase = (0.5 * s / distance, 1.0 - 0.5 * s / distance);
-                value *=
-                    scene.source.falloff(distance) * seen.intensity(&scene.source.profile, tau, distance);
-            }
-            value *= scene.medium.phase(phase.0, phase.1);
-            for (c, sum) in row[span.pixel].iter_mut().enumerate() {
-                let arrives = (-scene.medium.extinction[c] * metres).exp();
-                *sum += (value * scene.medium.scattering[c] * arrives) as f32;
-            }
-        }
-    }
 }
 
 /// Of a distant source, (1 - cos) / 2 and (1 + cos) / 2 of the angle that its light turns by to reach the eye.
-fn turn(source: &Source, ray: &Ray) -> (f64, f64) {
+pub fn turn(source: &Source, ray: &Ray) -> (f64, f64) {
     let to_eye = ray.direction.map(|d| -d);
     let cosine = dot(source.axis, to_eye);
     // 1 - |cos| = sin^2 / (1 + |cos|) keeps its digits near both ends.
@@ -416,24 +365,19 @@ pub fn one(
         return integral::distant(medium, ahead, behind, from, to);
     }
     let mut sum = [0.0; 3];
-    seen.pieces(
-        &source.profile,
-        from - seen.closest,
-        to - seen.closest,
-        |start, end| {
-            let start_of_way = start + seen.closest + seen.distance(start);
-            let part = integral::near(
-                medium,
-                source,
-                &seen,
-                start,
-                end,
-                &Everywhere { start: start_of_way },
-            );
-            for c in 0..3 {
-                sum[c] += part[c];
-            }
-        },
-    );
+    seen.pieces(source, from - seen.closest, to - seen.closest, |start, end| {
+        let start_of_way = start + seen.closest + seen.distance(start);
+        let part = integral::near(
+            medium,
+            source,
+            &seen,
+            start,
+            end,
+            &Everywhere { start: start_of_way },
+        );
+        for c in 0..3 {
+            sum[c] += part[c];
+        }
+    });
     sum
 }

@@ -50,7 +50,7 @@ pub fn mean_transmittance(x: f64) -> f64 {
 /// Per unit of irradiance and per channel: a sun's light scattered between `from` and `to` metres from the eye;
 /// `ahead` and `behind` as [`Medium::phase`] has them.
 pub fn distant(medium: &Medium, ahead: f64, behind: f64, from: f64, to: f64) -> [f64; 3] {
-    let phase = medium.phase(ahead, behind);
+    let phase = medium.phase(ahead, behind, 0.0);
     let reach = |extinction: f64| {
         // To the end of the world: what is left is all that is left.
         let mean = if to.is_finite() {
@@ -99,6 +99,16 @@ impl Travelled for Everywhere {
     }
 }
 
+/// A sharp peak is blurred by a light's size from further away than the light fills much: the way that is shorter,
+/// of that on which it does.
+pub fn blurring_scale(anisotropy: f64) -> f64 {
+    if anisotropy > 0.5 {
+        ((1.0 - anisotropy) / anisotropy).sqrt()
+    } else {
+        1.0
+    }
+}
+
 /// The smallest scale of the integrand in s.
 pub fn smallest_scale(source: &Source, seen: &Seen, anisotropy: f64, extinction: f64) -> f64 {
     let h = seen.height;
@@ -110,7 +120,7 @@ pub fn smallest_scale(source: &Source, seen: &Seen, anisotropy: f64, extinction:
         scale = scale.min(1.0 / extinction);
     }
     if source.radius > 0.0 && h < source.radius {
-        scale = scale.min(0.5 * h * h / source.radius);
+        scale = scale.min(0.5 * h * h / source.radius * blurring_scale(anisotropy));
     }
     scale
 }
@@ -164,9 +174,10 @@ pub fn near(
                 let mirrored = seen.height * (seen.height / s);
                 let (tau, distance) = (0.5 * (s - mirrored), 0.5 * (s + mirrored));
                 let sides = s + mirrored;
-                let value = medium.phase(s / sides, mirrored / sides)
-                    * source.falloff(distance)
-                    * seen.intensity(&source.profile, tau, distance)
+                let (falloff, filled) = source.falloff(distance);
+                let value = medium.phase(s / sides, mirrored / sides, filled)
+                    * falloff
+                    * seen.intensity(&source.profile, tau, distance, filled)
                     * (distance / s)
                     * s.hypot(c)
                     * (weight * step);

@@ -4,6 +4,7 @@
 //! sun) is linear too: a texel lights what is nearer than its own depth. Above the texels lie the lowest and
 //! highest nearness of ever larger squares, so that a stretch that is all lit or all dark is one look.
 
+use super::rays::Ray;
 use crate::cancel::CancelFlag;
 use crate::view::View;
 use pyo3::exceptions::PyValueError;
@@ -302,5 +303,58 @@ impl Line {
     /// Whether the last step entered another square of the next level.
     fn enters(&self, axis: usize, _level: usize) -> bool {
         (self.cell[axis] & 1) == usize::from(self.change[axis] < 0.0)
+    }
+}
+
+/// A ray as one map sees it.
+struct InMap<'a> {
+    map: &'a LightMap,
+    origin: [f64; 3],
+    direction: [f64; 3],
+}
+
+/// Calls `stretch` with every stretch of a ray, from `from` to a finite `to`, that no map shadows, in order. Windows of
+/// `maps` do not overlap; what none of them shows has nothing before it.
+pub fn lit_stretches(maps: &[&LightMap], ray: &Ray, from: f64, to: f64, mut stretch: impl FnMut(f64, f64)) {
+    let mut inside: Vec<(InMap, Inside)> = Vec::with_capacity(6);
+    for &map in maps {
+        let vector = std::array::from_fn(|i| ray.origin[i] - map.view.eye[i]);
+        let seen = InMap {
+            map,
+            origin: map.coordinates(vector),
+            direction: map.coordinates(ray.direction),
+        };
+        if let Some(part) = map.inside(seen.origin, seen.direction, from, to) {
+            inside.push((seen, part));
+        }
+    }
+    inside.sort_by(|a, b| a.1.from.total_cmp(&b.1.from));
+    // Stretches that meet are one.
+    let mut open: Option<(f64, f64)> = None;
+    let mut lit = |start: f64, stop: f64| match &mut open {
+        _ if stop <= start => {}
+        Some((_, end)) if start <= *end => *end = end.max(stop),
+        _ => {
+            if let Some((start, stop)) = open.replace((start, stop)) {
+                stretch(start, stop);
+            }
+        }
+    };
+    let mut reached = from;
+    for (seen, mut part) in inside {
+        if part.from > reached {
+            lit(reached, part.from);
+        }
+        part.from = part.from.max(reached);
+        if part.from < part.to {
+            seen.map.walk(seen.origin, seen.direction, part, &mut lit);
+            reached = part.to;
+        }
+    }
+    if reached < to {
+        lit(reached, to);
+    }
+    if let Some((start, stop)) = open {
+        stretch(start, stop);
     }
 }

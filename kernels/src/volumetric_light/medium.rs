@@ -55,13 +55,14 @@ impl Medium {
 
     /// Henyey and Greenstein's share of light scattered by an angle, per steradian. Both are cosines' distances
     /// to 1 and to -1, so that sharp peaks keep their digits: `ahead` = (1 - cos) / 2, `behind` = (1 + cos) / 2.
-    pub fn phase(&self, ahead: f64, behind: f64) -> f64 {
-        let g = self.anisotropy;
-        let square = if g >= 0.0 {
-            (1.0 - g) * (1.0 - g) + 4.0 * g * ahead
-        } else {
-            (1.0 + g) * (1.0 + g) - 4.0 * g * behind
-        };
-        (1.0 - g) * (1.0 + g) / (4.0 * PI * square * square.sqrt())
+    ///
+    /// `filled`: of a light with a size, 1 - cos of the half angle that it fills. The mean over those directions has
+    /// g (1 - filled / 2) as its mean cosine, and is taken as Henyey and Greenstein's with that one.
+    pub fn phase(&self, ahead: f64, behind: f64, filled: f64) -> f64 {
+        let g = self.anisotropy.abs();
+        let missing = (1.0 - g) + 0.5 * g * filled;
+        let turned = if self.anisotropy >= 0.0 { ahead } else { behind };
+        let square = missing * missing + 4.0 * (1.0 - missing) * turned;
+        missing * (2.0 - missing) / (4.0 * PI * square * square.sqrt())
     }
 }

@@ -4,6 +4,7 @@ mod evaluate;
 mod integral;
 mod lanes;
 mod map;
+mod march;
 mod medium;
 mod rays;
 mod source;
@@ -87,14 +88,15 @@ fn medium_map(
 /// (W/sr), or of irradiance from a distant one.
 ///
 /// `depth` (h, w) f32 along the view's axis, infinite where nothing is; `lattice` (18,) f64, the rays; `medium` (7,)
-/// f64; `source` (13,) f64; `maps` of what casts shadows, whose windows do not overlap; `spans` (layers, h, w)
+/// f64; `source` (13,) f64; `maps` of what casts shadows, whose windows do not overlap, of one point of the source or,
+/// as `counts` says, so many of each of several; `spans` (layers, h, w)
 /// f32, depths of a bounded medium's surface along the rays, and `medium_maps` the same from the light; without
 /// them the medium is everywhere. `order` nodes a panel; `table_reach` metres: by a table of the antiderivative,
 /// for sources that shine evenly into a medium that is everywhere; `march_steps`: by a jittered march, for
 /// comparison. Raises ValueError on bad input, Cancelled when `cancel` is set.
 #[pyfunction]
 #[pyo3(signature = (depth, lattice, medium, source, maps, spans=None, medium_maps=Vec::new(), order=6,
-    table_reach=None, march_steps=None, cancel=None))]
+    table_reach=None, march_steps=None, counts=None, cancel=None))]
 fn airlight<'py>(
     py: Python<'py>,
     depth: PyReadonlyArray2<'py, f32>,
@@ -107,6 +109,7 @@ fn airlight<'py>(
     order: usize,
     table_reach: Option<f64>,
     march_steps: Option<usize>,
+    counts: Option<Vec<usize>>,
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyArray3<f32>>> {
     let (height, width) = (depth.shape()[0], depth.shape()[1]);
@@ -120,6 +123,10 @@ fn airlight<'py>(
             "spans are (layers, h, w), h and w as depth has them",
         ));
     }
+    let counts = counts.unwrap_or_else(|| vec![maps.len()]);
+    if counts.is_empty() || counts.iter().sum::<usize>() != maps.len() {
+        return Err(PyValueError::new_err("counts add up to the maps"));
+    }
     let lattice = Lattice::from_packed(lattice.as_slice()?)?;
     let medium = Medium::from_packed(medium.as_slice()?)?;
     let source = Source::from_packed(source.as_slice()?)?;
@@ -132,11 +139,15 @@ fn airlight<'py>(
     let layers = spans.as_ref().map_or(0, |s| s.shape()[0]);
     let cancel = CancelFlag::of(cancel);
     let image = py.detach(|| {
+        let mut each = maps.iter().map(|map| &**map);
         let scene = Scene {
             lattice,
             medium,
             source,
-            maps: maps.iter().map(|map| &**map).collect(),
+            maps: counts
+                .iter()
+                .map(|&count| each.by_ref().take(count).collect())
+                .collect(),
             bounded: span_depths.map(|depths| Bounded {
                 layers,
                 depths,

@@ -90,6 +90,15 @@ pub struct Seen {
 /// A ray passes no closer to a source than this share of its origin's distance: what its rounded direction knows.
 pub const CLOSEST_SHARE: f32 = 1.0 / (1 << 24) as f32;
 
+/// How far a cone's edge is blurred, in half angles that the source fills: a smoothstep with the variance of a
+/// semicircle reaches a little further.
+const BLURRED: f64 = 1.15;
+
+/// From 1 - cos, with all its digits.
+fn half_angle(one_less_cosine: f64) -> f64 {
+    2.0 * (0.5 * one_less_cosine).sqrt().min(1.0).asin()
+}
+
 impl Seen {
     /// `origin` (relative to the source) and unit `direction` of the ray.
     pub fn new(source: &Source, origin: [f64; 3], direction: [f64; 3]) -> Seen {
@@ -130,8 +139,8 @@ impl Seen {
         }
     }
 
-    /// The relative intensity towards a point, `distance` away.
-    pub fn intensity(&self, profile: &Profile, tau: f64, distance: f64) -> f64 {
+    /// The relative intensity towards a point, `distance` away; `filled` as [`Source::falloff`] gave it.
+    pub fn intensity(&self, profile: &Profile, tau: f64, distance: f64, filled: f64) -> f64 {
         let cosine = (self.along0 + tau * self.along1) / distance;
         let sine2 = || {
             let from = tau - self.across_tau;
@@ -140,14 +149,21 @@ impl Seen {
         match *profile {
             Profile::Uniform => 1.0,
             Profile::Spot { cos_cone, blend } => {
+                let sine2 = sine2();
                 // 1 - cos = sin^2 / (1 + cos) keeps its digits in narrow cones.
                 let off = if cosine > 0.0 {
-                    sine2() / (1.0 + cosine)
+                    sine2 / (1.0 + cosine)
                 } else {
                     1.0 - cosine
                 };
-                let inside = 1.0 - off / (1.0 - cos_cone);
-                let x = (inside / blend.max(1e-12)).clamp(0.0, 1.0);
+                // Seen from nearby the light is many directions: their mean cosine, and its variance, to which a
+                // smoothstep adds a twentieth of its width's square.
+                let off = off + 0.5 * filled * cosine;
+                let spread =
+                    cosine * cosine * filled * filled / 12.0 + 0.5 * sine2 * (filled - filled * filled / 3.0);
+                let width = (1.0 - cos_cone) * blend.max(1e-12);
+                let middle = (1.0 - cos_cone) - 0.5 * width;
+                let x = ((middle - off) / (width * width + 20.0 * spread).sqrt() + 0.5).clamp(0.0, 1.0);
                 x * x * (3.0 - 2.0 * x)
             }
             Profile::Area { spread } => {
@@ -185,20 +201,30 @@ impl Seen {
 
     /// Cuts tau from `from` to `to` where the intensity has a kink, and gives `piece` the parts that get any.
     #[inline]
-    pub fn pieces(&self, profile: &Profile, from: f64, to: f64, mut piece: impl FnMut(f64, f64)) {
+    pub fn pieces(&self, source: &Source, from: f64, to: f64, mut piece: impl FnMut(f64, f64)) {
         let mut cuts = [f64::NAN; 5];
-        match *profile {
+        let mut darkest = 0.0; // the cosine beyond which nothing shines
+        match source.profile {
             Profile::Uniform => return piece(from, to),
             Profile::Spot { cos_cone, blend } => {
-                cuts[..2].copy_from_slice(&self.cone(cos_cone));
-                if blend > 0.0 && blend <= 1.0 {
-                    cuts[2..4].copy_from_slice(&self.cone(cos_cone + (1.0 - cos_cone) * blend));
+                let inner = (cos_cone + (1.0 - cos_cone) * blend).min(1.0);
+                let blurred = BLURRED * half_angle(source.falloff(self.height).1);
+                darkest = -1.0;
+                if blurred == 0.0 {
+                    darkest = cos_cone;
+                } else if cos_cone.acos() + blurred < std::f64::consts::PI {
+                    darkest = (cos_cone.acos() + blurred).cos();
+                }
+                cuts[..2].copy_from_slice(&self.cone(darkest));
+                if inner.acos() > blurred && (blend > 0.0 || blurred > 0.0) {
+                    cuts[2..4].copy_from_slice(&self.cone((inner.acos() - blurred).cos()));
                 }
             }
             Profile::Area { spread } => {
                 cuts[0] = -self.along0 / self.along1;
                 if spread.is_finite() {
-                    cuts[1..3].copy_from_slice(&self.cone(1.0 / 1f64.hypot(spread)));
+                    darkest = 1.0 / 1f64.hypot(spread);
+                    cuts[1..3].copy_from_slice(&self.cone(darkest));
                 }
             }
         }
@@ -217,7 +243,8 @@ impl Seen {
             } else {
                 2.0 * start.abs().max(self.height)
             };
-            if end > start && self.intensity(profile, middle, self.distance(middle)) > 0.0 {
+            let cosine = (self.along0 + middle * self.along1) / self.distance(middle);
+            if end > start && cosine >= darkest {
                 piece(start, end);
             }
             start = end;
@@ -226,19 +253,21 @@ impl Seen {
 }
 
 impl Source {
-    /// Irradiance over intensity on a plane that faces the source, `distance` away.
-    pub fn falloff(&self, distance: f64) -> f64 {
+    /// Irradiance over intensity on a plane that faces the source, `distance` away; and 1 - cos of the half angle
+    /// that the source fills from there.
+    pub fn falloff(&self, distance: f64) -> (f64, f64) {
         let r = self.radius;
-        match self.near {
+        let spread = match self.near {
             Near::Disk => {
                 let slant = distance.hypot(r);
-                2.0 / (slant * (slant + distance))
+                slant * (slant + distance)
             }
             Near::Sphere => {
                 let d = distance.max(r);
                 let sine = r / d;
-                2.0 / (d * d * (1.0 + (1.0 - sine * sine).max(0.0).sqrt()))
+                d * d * (1.0 + (1.0 - sine * sine).max(0.0).sqrt())
             }
-        }
+        };
+        (2.0 / spread, if r > 0.0 { r * r / spread } else { 0.0 })
     }
 }

@@ -33,7 +33,8 @@ impl Table {
                 let tau = t - closest;
                 let distance = height.hypot(tau).max(1e-9);
                 let ahead = (0.5 * (1.0 + tau / distance)).clamp(0.0, 1.0);
-                let light = medium.phase(ahead, 1.0 - ahead) * source.falloff(distance);
+                let (falloff, filled) = source.falloff(distance);
+                let light = medium.phase(ahead, 1.0 - ahead, filled) * falloff;
                 std::array::from_fn::<f64, 3, _>(|c| {
                     light * medium.scattering[c] * (-medium.extinction[c] * (t + distance)).exp()
                 })
@@ -64,8 +65,8 @@ impl Table {
         })
     }
 
-    /// Adds what is scattered between `from` and `to` metres along a ray.
-    pub fn add(&self, pixel: &mut [f32; 3], seen: &Seen, from: f64, to: f64) {
+    /// Adds `share` of what is scattered between `from` and `to` metres along a ray.
+    pub fn add(&self, pixel: &mut [f32; 3], seen: &Seen, from: f64, to: f64, share: f32) {
         let cosine = if self.away > 0.0 {
             -seen.closest / self.away
         } else {
@@ -74,7 +75,7 @@ impl Table {
         let v = (0.5 + 0.5 * cosine).max(0.0).sqrt();
         let (start, end) = (self.at(from, v), self.at(to, v));
         for c in 0..3 {
-            pixel[c] += end[c] - start[c];
+            pixel[c] += share * (end[c] - start[c]);
         }
     }
 }

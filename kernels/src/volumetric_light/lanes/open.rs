@@ -1,6 +1,8 @@
 //! A row of rays from one eye to a source that nothing shadows: no intervals to look for.
 
-use super::{Batch, Integrate, Setup, exp};
+use super::functions::exp;
+use super::integrate::Integrate;
+use super::{Batch, PER_SPHERE, Setup};
 use crate::rays::lanes::{LANES, Lanes, Simd, Work};
 use crate::volumetric_light::rays::Lattice;
 use crate::volumetric_light::source::{CLOSEST_SHARE, Source};
@@ -94,8 +96,9 @@ impl Setup {
     fn distant(&self, turn: &Lanes, length: &Lanes) -> [Lanes; 3] {
         let mut phase = [0.0; LANES];
         for (phase, turn) in phase.iter_mut().zip(turn) {
-            let square = self.phase[0] + self.phase[1] * turn;
-            *phase = self.phase[2] / (square * square.sqrt());
+            let missing = self.phase[0];
+            let square = missing * missing + 4.0 * (1.0 - missing) * turn;
+            *phase = PER_SPHERE * missing * (2.0 - missing) / (square * square.sqrt());
         }
         let mut sums = [[0.0; LANES]; 3];
         for group in &self.groups {

@@ -1,0 +1,57 @@
+//! Elementary functions of single precision that compilers can do sixteen of at once.
+
+/// e^x for x <= 0, to 2 units in the last place; 0 below -87.
+#[inline(always)]
+pub fn exp(x: f32) -> f32 {
+    const SHIFT: f32 = 12_582_912.0;
+    let clamped = if x > -87.0 { x } else { -87.0 };
+    let shifted = clamped * std::f32::consts::LOG2_E + SHIFT;
+    let whole = shifted - SHIFT;
+    let rest = (clamped - whole * 0.693_359_4) + whole * 2.121_944_4e-4;
+    let series = 1.0
+        + rest
+            * (1.0
+                + rest
+                    * (0.5
+                        + rest
+                            * (0.166_666_55
+                                + rest * (0.041_666_485 + rest * (0.008_363_913 + rest * 0.001_381_777_8)))));
+    let power = f32::from_bits(((shifted.to_bits() as i32) << 23).wrapping_add(0x3f80_0000) as u32);
+    if x < -87.0 { 0.0 } else { series * power }
+}
+
+/// ln(1 + x) for x >= 0: the logarithm of the rounded sum, times what the rounding did to x (Goldberg 1991).
+#[inline(always)]
+pub fn ln_1p(x: f32) -> f32 {
+    let sum = 1.0 + x;
+    // The mantissa between sqrt(1/2) and sqrt(2).
+    let bits = sum.to_bits() as i32 - 0x3f35_04f3;
+    let exponent = (bits >> 23) as f32;
+    let m = f32::from_bits(((bits & 0x007f_ffff) + 0x3f35_04f3) as u32) - 1.0;
+    let t = m / (2.0 + m);
+    let t2 = t * t;
+    let series = 2.0 * t * (1.0 + t2 * (0.333_333_3 + t2 * (0.200_000_5 + t2 * (0.142_8 + t2 * 0.117))));
+    let log = exponent * std::f32::consts::LN_2 + series;
+    let grown = sum - 1.0;
+    if grown == 0.0 { x } else { log * (x / grown) }
+}
+
+/// sinh for |x| <= 1, by its series.
+#[inline(always)]
+pub fn sinh(x: f32) -> f32 {
+    let x2 = x * x;
+    x * (1.0 + x2 / 6.0 * (1.0 + x2 / 20.0 * (1.0 + x2 / 42.0 * (1.0 + x2 / 72.0))))
+}
+
+/// From a panel's start, where z = c sinh(y) has the slope c cosh(y), further by d in y: what z grows by, and its
+/// slope there. sinh(y + d) - sinh(y) = 2 sinh(d / 2) cosh(y + d / 2), and cosh likewise.
+#[inline(always)]
+pub fn further(start: f32, slope: f32, d: f32) -> (f32, f32) {
+    let sinh = sinh(0.5 * d);
+    let cosh = (1.0 + sinh * sinh).sqrt();
+    let twice = 2.0 * sinh;
+    (
+        twice * (slope * cosh + start * sinh),
+        slope + twice * (slope * sinh + start * cosh),
+    )
+}

@@ -1,0 +1,173 @@
+//! Panels of nodes along sixteen stretches, and the sums over them.
+
+use super::functions::{exp, further, ln_1p};
+use super::{Batch, Group, OPAQUE, SHAPED_WIDTH, Setup};
+use crate::rays::lanes::{LANES, Lanes, Simd, Work};
+use crate::volumetric_light::integral::{PANEL_DEPTH, PANEL_WIDTH};
+use crate::volumetric_light::source::Profile;
+
+/// Rays that pass a spot within its radius over this see it as many directions. Further away the mean of its
+/// intensity and that of the phase function, each by itself, are within 0.1% of the mean of their product.
+const NEAR_SPOT: f32 = 0.06;
+/// The same of lights that shine evenly, where the phase function's mean alone is within 0.4%...
+const NEAR_EVEN: f32 = 0.25;
+/// ... and no sharper than this: of sharper ones sixteen directions would be sixteen peaks.
+const SHARPEST: f32 = 0.9;
+
+/// Work for [`dispatch`](crate::rays::lanes::dispatch).
+pub struct Integrate<'a> {
+    pub setup: &'a Setup,
+    pub batch: &'a Batch,
+}
+
+/// Where a group's panels lie, lane by lane, in s over the ray's distance from the light.
+struct Panels {
+    start: Lanes,
+    scale: Lanes,
+    step: Lanes,
+    count: usize,
+}
+
+impl Integrate<'_> {
+    /// Whether any of these rays comes so near that the light is many directions.
+    fn is_nearby(&self) -> bool {
+        let setup = self.setup;
+        let turned = setup.anisotropy.abs();
+        let near = match setup.profile {
+            Profile::Spot { .. } => NEAR_SPOT,
+            Profile::Uniform if turned > 0.0 && turned <= SHARPEST => NEAR_EVEN,
+            _ => return false,
+        };
+        let nearest = self.batch.height.iter().fold(f32::INFINITY, |a, &b| a.min(b));
+        setup.radius > near * nearest
+    }
+
+    #[inline(always)]
+    fn panels(&self, group: &Group) -> Panels {
+        let (setup, b) = (self.setup, self.batch);
+        let mut panels = Panels {
+            start: [0.0; LANES],
+            scale: [0.0; LANES],
+            step: [0.0; LANES],
+            count: 1,
+        };
+        let longest = if group.low > 0.0 {
+            OPAQUE / group.low
+        } else {
+            f32::MAX
+        };
+        let free_path = if group.high > 0.0 {
+            1.0 / group.high
+        } else {
+            f32::MAX
+        };
+        let peak = if setup.anisotropy > 0.0 { setup.peak } else { 1.0 };
+        let mut most = [1.0f32; LANES];
+        let widest = if setup.profile == Profile::Uniform {
+            PANEL_WIDTH as f32
+        } else {
+            SHAPED_WIDTH
+        };
+        for (i, most) in most.iter_mut().enumerate() {
+            let h = b.height[i];
+            let (tau0, tau1) = (b.tau[i], b.tau[i] + b.length[i]);
+            let (d0, d1) = ((h * h + tau0 * tau0).sqrt(), (h * h + tau1 * tau1).sqrt());
+            let (sum0, sum1) = (d0 + tau0.abs(), d1 + tau1.abs());
+            let (over0, under0) = if tau0 > 0.0 { (sum0, h) } else { (h, sum0) };
+            let (over1, under1) = if tau1 > 0.0 { (sum1, h) } else { (h, sum1) };
+            let (z0, z1) = (over0 / under0, over1 / under1);
+            let per_height = 1.0 / h;
+            let change = b.length[i] * ((z0 + z1) / (d0 + d1));
+            let limit = longest * per_height;
+            let change = if change < limit { change } else { limit };
+            let near = if setup.radius > 0.0 { h * setup.near } else { 1.0 };
+            let c = peak.min(near).min(free_path * per_height);
+            let per_scale = 1.0 / c;
+            let (a0, a1) = (z0 * per_scale, (z0 + change) * per_scale);
+            let (cosh0, cosh1) = ((1.0 + a0 * a0).sqrt(), (1.0 + a1 * a1).sqrt());
+            // e^(y1 - y0) - 1, with y = asinh(a) = ln(a + cosh).
+            let both = cosh0 + cosh1;
+            let grown = change * per_scale * (both + a0 + a1) / (both * (a0 + cosh0));
+            let width = ln_1p(grown);
+            panels.start[i] = z0;
+            panels.scale[i] = c;
+            panels.step[i] = width;
+            let (wide, deep) = (width / widest, group.high * h * change / PANEL_DEPTH as f32);
+            *most = if wide > deep { wide } else { deep };
+        }
+        let most = most.iter().fold(1.0f32, |a, &b| if b > a { b } else { a });
+        panels.count = (most.ceil() as usize).clamp(1, 4096);
+        for i in 0..LANES {
+            panels.step[i] /= panels.count as f32;
+        }
+        panels
+    }
+
+    #[inline(always)]
+    fn group<const SHAPED: bool, const TURNED: bool, const NEARBY: bool>(
+        &self,
+        group: &Group,
+        sums: &mut [Lanes; 3],
+    ) {
+        let panels = self.panels(group);
+        let evaluated = &group.channels[..if group.is_grey { 1 } else { group.channels.len() }];
+        let (mut start, mut before, mut slope) = (panels.start, [0.0f32; LANES], [0.0f32; LANES]);
+        for _ in 0..panels.count {
+            for i in 0..LANES {
+                slope[i] = (panels.scale[i] * panels.scale[i] + start[i] * start[i]).sqrt();
+            }
+            for &(place, weight) in &self.setup.nodes {
+                let mut values = [0.0f32; LANES];
+                let mut depths = [0.0f32; LANES];
+                for i in 0..LANES {
+                    let (grown, sloped) = further(start[i], slope[i], panels.step[i] * place);
+                    values[i] = self.value::<SHAPED, TURNED, NEARBY>(i, start[i] + grown)
+                        * sloped
+                        * (weight * panels.step[i]);
+                    depths[i] = (before[i] + grown) * self.batch.height[i];
+                }
+                for &c in evaluated {
+                    let extinction = group.extinction[c];
+                    let sum = &mut sums[c];
+                    for i in 0..LANES {
+                        sum[i] += values[i] * exp(-extinction * depths[i]);
+                    }
+                }
+            }
+            for i in 0..LANES {
+                let (grown, _) = further(start[i], slope[i], panels.step[i]);
+                before[i] += grown;
+                start[i] = panels.start[i] + before[i];
+            }
+        }
+        for &c in &group.channels[evaluated.len()..] {
+            sums[c] = sums[group.channels[0]];
+        }
+    }
+}
+
+impl Work for Integrate<'_> {
+    type Output = [Lanes; 3];
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) -> [Lanes; 3] {
+        let mut sums = [[0.0; LANES]; 3];
+        for group in &self.setup.groups {
+            let even = self.setup.profile == Profile::Uniform;
+            match (even, self.setup.anisotropy == 0.0) {
+                (true, _) if self.is_nearby() => self.group::<false, true, true>(group, &mut sums),
+                (true, true) => self.group::<false, false, false>(group, &mut sums),
+                (true, false) => self.group::<false, true, false>(group, &mut sums),
+                (false, _) if self.is_nearby() => self.group::<true, true, true>(group, &mut sums),
+                (false, true) => self.group::<true, false, false>(group, &mut sums),
+                (false, false) => self.group::<true, true, false>(group, &mut sums),
+            }
+            for &c in &group.channels {
+                for (sum, travelled) in sums[c].iter_mut().zip(&self.batch.travelled) {
+                    *sum *= self.setup.scattering[c] * exp(-group.extinction[c] * travelled);
+                }
+            }
+        }
+        sums
+    }
+}
