@@ -13,6 +13,10 @@
 // Smallest half-angle (tangent) a light is given, so that a light of no size casts a hard shadow.
 const float SMALLEST_HALF_SIZE = 1e-4;
 
+// Steepness of a round light's rim: a sample stands for the area around it, so that its weight falls from 1 to 0 over
+// about the distance to the next, rather than at once. Per square of the share of the radius.
+const float RIM = 2.5;
+
 struct Seen {
   vec2 window; // where the point projects, in window units
   float rise;
@@ -20,7 +24,7 @@ struct Seen {
   vec4 bounds; // left, right, bottom, top of the samples on the light's plane; zero lies inside
   vec3 geometric_normal;
   vec3 shading_normal;
-  float cos2_rim; // ROUND: smallest squared cosine between a sample and the centre
+  float sin2_rim; // ROUND: squared sine of the half-angle
   bool too_close; // `bounds` had to be cut
 };
 
@@ -52,7 +56,7 @@ void bound_samples(inout Seen seen)
   float largest2 = 0.64 * base.z * base.z / distance2;
   seen.too_close = sin2 > largest2;
   sin2 = clamp(sin2, smallest * smallest / distance2, largest2);
-  seen.cos2_rim = 1.0 - sin2;
+  seen.sin2_rim = sin2;
   float radius2 = sin2 * distance2;
   seen.bounds = vec4(tangent_roots(base.x, base.z, radius2), tangent_roots(base.y, base.z, radius2));
 #else
@@ -67,7 +71,7 @@ bool see(vec3 position, vec3 geometric_normal, vec3 shading_normal, out Seen see
   vec3 at = to_view(position) + vec3(params.axis_x.w, params.axis_y.w, params.axis_z.w);
   seen.geometric_normal = to_view(geometric_normal);
   seen.shading_normal = to_view(shading_normal);
-  seen.cos2_rim = 0.0;
+  seen.sin2_rim = 0.0;
   seen.too_close = false;
   seen.bounds = vec4(0.0);
 #ifdef ORTHOGRAPHIC
@@ -115,15 +119,17 @@ float sample_weight(Seen seen, vec2 place)
   vec3 to_light = direction_to(seen, place);
   float length2 = dot(to_light, to_light);
   float weight = max(dot(seen.shading_normal, to_light), 0.0) / (length2 * length2);
+  float radius2 = 0.0; // squared share of the way from the middle to the rim
 #ifdef ELLIPTIC
   vec2 share = place / seen.bounds.yw;
-  weight = dot(share, share) <= 1.0 ? weight : 0.0;
+  radius2 = dot(share, share);
 #endif
 #ifdef ROUND
-  float along = -dot(to_light, seen.base);
-  bool inside = along > 0.0 && along * along >= length2 * dot(seen.base, seen.base) * seen.cos2_rim;
-  weight = inside ? weight : 0.0;
+  // The sine from the cross product with the direction to the middle: exact for the smallest lights.
+  vec3 across = vec3(place * seen.base.z, place.x * seen.base.y - place.y * seen.base.x);
+  radius2 = dot(across, across) / (length2 * (dot(seen.base, seen.base) * seen.sin2_rim));
 #endif
+  weight *= clamp(0.5 + RIM * (1.0 - radius2), 0.0, 1.0);
 #ifdef SPREAD
   weight *= max(params.radiance.x - length(to_light.xy) / seen.base.z, 0.0);
 #endif

@@ -2,16 +2,19 @@
 
 const int SAMPLES = 256;
 
-const uint SCRAMBLE = 254u;
+// Row of the sample in each of the columns, four to a word; made by scripts/light_samples.py.
+const uint SAMPLE_ROWS[SAMPLES / 4] = uint[](
+    0xc80f39edu, 0x6b4a8eb6u, 0xa5d87a1fu, 0x982ffd59u, 0x65e68503u, 0x20d246b8u, 0x541177a8u, 0x3392c5f5u,
+    0xb36a41e3u, 0xd4022482u, 0xf7145da3u, 0x75964dc1u, 0x882a3bebu, 0x0964cdadu, 0xbb1e53ddu, 0x317eff9eu,
+    0x8fea7042u, 0x5113aacbu, 0x042263dau, 0x3ef29cbcu, 0xe2783086u, 0x1c58b1cau, 0x950e4969u, 0x2cd6a4f8u,
+    0x3de9c384u, 0x5c06b56du, 0xf47b4c18u, 0xa727d999u, 0x10368bc7u, 0xba5567e7u, 0xd0f94479u, 0xab9d2805u,
+    0x62de178cu, 0xb75237efu, 0x830bc673u, 0xa0fa4725u, 0x5fe591d5u, 0x1bac6f38u, 0x7ff1be0du, 0x93cc4f29u,
+    0xb06043dcu, 0x34f37108u, 0x8115c0a1u, 0x5090e023u, 0xec3f61ceu, 0x9f07ae72u, 0x19bd2bfcu, 0x405ad78du,
+    0xc96ce87du, 0x0a2eb24eu, 0xdffb1d9au, 0x3c5ea689u, 0x00d36ebfu, 0xf080264bu, 0x3216af94u, 0x74c2e45bu,
+    0x48a20ccfu, 0x683a87feu, 0x56db21b4u, 0x7c12ee97u, 0x45a92dc4u, 0xe18a6601u, 0xf657769bu, 0x351ab9d1u
+);
 
-// Row of the sample in each of the 256 columns, a scrambled (0, 2)-net: Owen scrambling of the van der Corput
-// sequence with Laine and Karras's hash.
 uint sample_row(uint column)
 {
-  uint x = column + SCRAMBLE;
-  x ^= x * 0x6c50b47cu;
-  x ^= x * 0xb82f1e52u;
-  x ^= x * 0xc7afe638u;
-  x ^= x * 0x8d22f6e6u;
-  return bitfieldReverse(x) >> 24;
+  return SAMPLE_ROWS[column / 4u] >> (8u * (column % 4u)) & 255u;
 }

@@ -1,7 +1,7 @@
 //! The bitmask method, a register of texels or samples at a time. Hides the same samples as `plain.rs`.
 
 use super::choose::Window;
-use super::light::{Light, SAMPLE_ROWS, SAMPLES, Seen};
+use super::light::{Light, RIM, SAMPLE_ROWS, SAMPLES, Seen};
 use super::plain::{Bits, LOWEST_EDGE, OWN_SURFACE};
 use super::prepare::{BLOCK, BLOCK_TEXELS, PreparedMap};
 use super::simd::{MOST_LANES, Vector};
@@ -328,22 +328,33 @@ pub fn resolve<V: Vector>(vector: V, light: &Light, seen: &Seen, hidden: &Bits) 
         let to_light = [dx, dy, vector.splat(-base_z)];
         let cosine = vector.max(dot(vector, to_light, seen.shading_normal), zero);
         let mut weight = vector.div(cosine, vector.mul(length2, length2));
-        match light.kind {
-            EmitterKind::Rectangle => {}
+        let radius2 = match light.kind {
+            EmitterKind::Rectangle => None,
             EmitterKind::Ellipse | EmitterKind::DistantDisk => {
                 let (u, v) = (
-                    vector.div(x, vector.splat(right)),
-                    vector.div(y, vector.splat(top)),
+                    vector.mul(x, vector.splat(1.0 / right)),
+                    vector.mul(y, vector.splat(1.0 / top)),
                 );
-                let radius2 = vector.add(vector.mul(u, u), vector.mul(v, v));
-                weight = vector.keep(!vector.greater(radius2, vector.splat(1.0)), weight);
+                Some(vector.add(vector.mul(u, u), vector.mul(v, v)))
             }
             EmitterKind::Sphere | EmitterKind::FacingDisk => {
-                let along = dot(vector, to_light, [-base_x, -base_y, -base_z]);
-                let rim = vector.mul(length2, vector.splat(base2 * seen.cos2_rim));
-                let inside = vector.greater(along, zero) & !vector.greater(rim, vector.mul(along, along));
-                weight = vector.keep(inside, weight);
+                let from_middle2 = vector.add(vector.mul(x, x), vector.mul(y, y));
+                let along_z = vector.sub(
+                    vector.mul(x, vector.splat(base_y)),
+                    vector.mul(y, vector.splat(base_x)),
+                );
+                let cross2 = vector.add(
+                    vector.mul(from_middle2, vector.splat(base_z * base_z)),
+                    vector.mul(along_z, along_z),
+                );
+                let rim = vector.mul(length2, vector.splat(base2 * seen.sin2_rim));
+                Some(vector.div(cross2, rim))
             }
+        };
+        if let Some(radius2) = radius2 {
+            let inside = vector.sub(vector.splat(0.5 + RIM), vector.mul(vector.splat(RIM), radius2));
+            let inside = vector.min(vector.max(inside, zero), vector.splat(1.0));
+            weight = vector.mul(weight, inside);
         }
         if light.tan_half_spread < f32::MAX {
             let tangent = vector.div(vector.sqrt(across2), vector.splat(base_z));

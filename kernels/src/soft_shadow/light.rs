@@ -11,28 +11,31 @@ use crate::view::View;
 
 pub const SAMPLES: usize = 256;
 
-/// Row of the sample in each of the 256 columns: a scrambled (0, 2)-net, so rows and columns are distinct
-/// and every dyadic box of area 1/256 holds one sample.
-pub const SAMPLE_ROWS: [u8; SAMPLES] = sample_rows(SCRAMBLE);
+/// Row of the sample in each of the 256 columns, so that rows and columns are distinct. Made by
+/// `scripts/light_samples.py`, which says how good it is; twin of samples.glsl.
+#[rustfmt::skip]
+pub const SAMPLE_ROWS: [u8; SAMPLES] = [
+    237, 57, 15, 200, 182, 142, 74, 107, 31, 122, 216, 165, 89, 253, 47, 152,
+    3, 133, 230, 101, 184, 70, 210, 32, 168, 119, 17, 84, 245, 197, 146, 51,
+    227, 65, 106, 179, 130, 36, 2, 212, 163, 93, 20, 247, 193, 77, 150, 117,
+    235, 59, 42, 136, 173, 205, 100, 9, 221, 83, 30, 187, 158, 255, 126, 49,
+    66, 112, 234, 143, 203, 170, 19, 81, 218, 99, 34, 4, 188, 156, 242, 62,
+    134, 48, 120, 226, 202, 177, 88, 28, 105, 73, 14, 149, 248, 164, 214, 44,
+    132, 195, 233, 61, 109, 181, 6, 92, 24, 76, 123, 244, 153, 217, 39, 167,
+    199, 139, 54, 16, 231, 103, 85, 186, 121, 68, 249, 208, 5, 40, 157, 171,
+    140, 23, 222, 98, 239, 55, 82, 183, 115, 198, 11, 131, 37, 71, 250, 160,
+    213, 145, 229, 95, 56, 111, 172, 27, 13, 190, 241, 127, 41, 79, 204, 147,
+    220, 67, 96, 176, 8, 113, 243, 52, 161, 192, 21, 129, 35, 224, 144, 80,
+    206, 97, 63, 236, 114, 174, 7, 159, 252, 43, 189, 25, 141, 215, 90, 64,
+    125, 232, 108, 201, 78, 178, 46, 10, 154, 29, 251, 223, 137, 166, 94, 60,
+    191, 110, 211, 0, 75, 38, 128, 240, 148, 175, 22, 50, 91, 228, 194, 116,
+    207, 12, 162, 72, 254, 135, 58, 104, 180, 33, 219, 86, 151, 238, 18, 124,
+    196, 45, 169, 69, 1, 102, 138, 225, 155, 118, 87, 246, 209, 185, 26, 53,
+];
 
-const SCRAMBLE: u32 = 254;
-
-/// Owen scrambling of the van der Corput sequence with Laine and Karras's hash.
-const fn sample_rows(seed: u32) -> [u8; SAMPLES] {
-    let mut rows = [0; SAMPLES];
-    let mut column = 0;
-    while column < SAMPLES {
-        // Bits of the column from the lowest up decide the row from its highest bit down.
-        let mut x = (column as u32).wrapping_add(seed);
-        x ^= x.wrapping_mul(0x6c50_b47c);
-        x ^= x.wrapping_mul(0xb82f_1e52);
-        x ^= x.wrapping_mul(0xc7af_e638);
-        x ^= x.wrapping_mul(0x8d22_f6e6);
-        rows[column] = (x as u8).reverse_bits();
-        column += 1;
-    }
-    rows
-}
+/// Steepness of a round light's rim: a sample stands for the area around it, so that its weight falls from 1 to 0
+/// over about the distance to the next, rather than at once. Per square of the share of the radius.
+pub const RIM: f32 = 2.5;
 
 /// Smallest half-angle (tangent) a light is given, so that a light of no size casts a hard shadow.
 const SMALLEST_HALF_SIZE: f32 = 1e-4;
@@ -67,8 +70,8 @@ pub struct Seen {
     pub bounds: [f32; 4],
     pub geometric_normal: [f32; 3],
     pub shading_normal: [f32; 3],
-    /// SPHERE and FACING_DISK: smallest squared cosine between a sample and the centre.
-    pub cos2_rim: f32,
+    /// SPHERE and FACING_DISK: squared sine of the half-angle.
+    pub sin2_rim: f32,
     /// The point is so close that `bounds` had to be cut.
     pub too_close: bool,
 }
@@ -118,7 +121,7 @@ impl Light {
             bounds: [0.0; 4],
             geometric_normal: self.turn(geometric_normal),
             shading_normal: self.turn(shading_normal),
-            cos2_rim: 0.0,
+            sin2_rim: 0.0,
             too_close: false,
         };
         if !self.orthographic {
@@ -155,7 +158,7 @@ impl Light {
         let largest2 = 0.64 * z * z / distance2;
         seen.too_close = sin2 > largest2;
         sin2 = sin2.clamp(smallest * smallest / distance2, largest2);
-        seen.cos2_rim = 1.0 - sin2;
+        seen.sin2_rim = sin2;
         let radius2 = sin2 * distance2;
         // Planes through the point, parallel to an axis and tangent to the sphere, cut the light's plane at
         // X with X^2 (z^2 - r^2) + 2 r^2 x X - r^2 (x^2 + z^2) = 0.
@@ -173,20 +176,22 @@ impl Light {
         let to_light = seen.direction(x, y);
         let length2 = dot(to_light, to_light);
         let cosine = dot(seen.shading_normal, to_light).max(0.0);
-        let inside = match self.kind {
-            EmitterKind::Rectangle => true,
+        // Squared share of the way from the middle to the rim.
+        let radius2 = match self.kind {
+            EmitterKind::Rectangle => 0.0,
             EmitterKind::Ellipse | EmitterKind::DistantDisk => {
                 let (u, v) = (x / seen.bounds[1], y / seen.bounds[3]);
-                u * u + v * v <= 1.0
+                u * u + v * v
             }
             EmitterKind::Sphere | EmitterKind::FacingDisk => {
-                let along = -dot(to_light, seen.base);
-                along > 0.0 && along * along >= length2 * dot(seen.base, seen.base) * seen.cos2_rim
+                // The sine from the cross product with the direction to the middle: exact for the smallest lights.
+                let [base_x, base_y, base_z] = seen.base;
+                let along_z = x * base_y - y * base_x;
+                let cross2 = (x * x + y * y) * (base_z * base_z) + along_z * along_z;
+                cross2 / (length2 * (dot(seen.base, seen.base) * seen.sin2_rim))
             }
         };
-        if !inside {
-            return 0.0;
-        }
+        let inside = (0.5 + RIM * (1.0 - radius2)).clamp(0.0, 1.0);
         let spread = if self.tan_half_spread < f32::MAX {
             let across = (to_light[0] * to_light[0] + to_light[1] * to_light[1]).sqrt();
             (self.tan_half_spread - across / seen.base[2]).max(0.0)
@@ -200,7 +205,7 @@ impl Light {
         } else {
             1.0
         };
-        cosine * spread * cone / (length2 * length2)
+        cosine * inside * spread * cone / (length2 * length2)
     }
 }
 
