@@ -6,9 +6,11 @@ import threading
 import time
 
 import pytest
+import strata_kernels
 from conftest import SAMPLES
 from strata.addon.bake import BakeJob, Options, read_scene
 from strata.addon.core.errors import Cancelled, StrataError
+from strata.addon.devices.cpu import CpuDevice
 from strata.addon.job import Runner, run_to_end
 from strata.addon.scene.open import choose, open_blend
 
@@ -56,6 +58,19 @@ def test_cancel_stops_while_measuring():
     with pytest.raises(Cancelled):
         wait_until_stopped(runner)
     assert time.monotonic() - started < SECONDS_TO_STOP
+
+
+def test_a_kernel_that_cannot_stop_is_left_to_itself():
+    """What it returns, or raises, comes through; once cancelled, nobody waits for it."""
+    device = CpuDevice()
+    assert device.unless_cancelled(lambda: 7) == 7
+    with pytest.raises(ZeroDivisionError):
+        device.unless_cancelled(lambda: 1 // 0)
+    ended = threading.Event()
+    threading.Timer(0.05, device.cancel_flag.set).start()
+    with pytest.raises(strata_kernels.Cancelled):
+        device.unless_cancelled(lambda: ended.wait(60.0))
+    ended.set()
 
 
 def test_ctrl_c_between_two_looks_cancels_and_waits():

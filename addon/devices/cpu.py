@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable
+from queue import Empty, SimpleQueue
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -17,6 +19,8 @@ from ..core.outline import Outline
 from ..core.surface import SurfacePoints
 from ..core.view_rays import ViewRays
 from .camera_rays import CameraRays
+
+POLL_SECONDS = 0.01
 
 
 def triangulate(mesh: MeshArrays) -> tuple[np.ndarray, np.ndarray]:
@@ -85,6 +89,29 @@ class CpuDevice:
         mask = np.zeros(len(self._outline.instances), np.uint8)
         mask[sorted(instances)] = 1
         return mask
+
+    def unless_cancelled[Result](self, work: Callable[[], Result]) -> Result:
+        """What `work()` returns. For kernels that cannot stop in the middle: it has its own thread, which
+        is left to end by itself once the flag is set. Raises Cancelled then, and whatever `work` raises."""
+        ended: SimpleQueue = SimpleQueue()
+
+        def run() -> None:
+            try:
+                ended.put((work(), None))
+            except BaseException as failure:  # a panic of the kernels is no Exception
+                ended.put((None, failure))
+
+        threading.Thread(target=run, daemon=True).start()
+        while True:
+            try:
+                result, failure = ended.get(timeout=POLL_SECONDS)
+            except Empty:
+                if self.cancel_flag.is_set():
+                    raise strata_kernels.Cancelled("cancelled") from None
+                continue
+            if failure is not None:
+                raise failure
+            return result
 
     def camera_rays(self, visible: frozenset[int], attributes: frozenset[str]) -> CameraRays:
         """Fills the surface `attributes` of the instances `visible` along any view ray."""

@@ -43,7 +43,8 @@ def _layered_depth(device, geometry, view, casters, layers, width, height):
 
 
 def _ray_accelerator(device, geometry, eye, casters):
-    return device.kernels.Accel(geometry, np.array(eye), device.instance_mask(casters))
+    mask = device.instance_mask(casters)
+    return device.unless_cancelled(lambda: device.kernels.Accel(geometry, np.array(eye), mask))
 
 
 # The scene's meshes and instances, on the device.
