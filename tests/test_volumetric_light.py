@@ -8,6 +8,7 @@ import airlight_truth as truth
 import bpy
 import numpy as np
 import pytest
+from mathutils import Vector
 from strata.addon.bake import Options, bake, read_scene
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.outline import Light
@@ -257,3 +258,28 @@ def test_coarser_images(scale):
     full = layers_of(baked(scene, light_samples=1, size=size))["Volumetric Point"]
     coarse = layers_of(baked(scene, light_samples=1, size=size, scale=scale))["Volumetric Point"]
     assert np.sqrt(np.mean((coarse - full) ** 2)) < (0.03 if scale == "1/2" else 0.15) * full.mean()
+
+
+@pytest.mark.parametrize("backend", ["cpu", "gpu"])
+def test_furnace(backend):
+    """Suns from everywhere are a radiance of 1: what a medium scatters towards the eye, what it takes and
+    what it lets through make 1 again."""
+    scene, count = fresh_scene(), 48
+    for index in range(count):
+        height = 1.0 - 2.0 * (index + 0.5) / count
+        turn = index * math.pi * (3.0 - math.sqrt(5.0))
+        out = math.sqrt(1.0 - height**2)
+        towards = Vector((out * math.cos(turn), out * math.sin(turn), height))
+        euler = towards.to_track_quat("-Z", "Y").to_euler()
+        lamp("SUN", rotation=[math.degrees(a) for a in euler], energy=4.0 * math.pi / count, angle=0.0)
+    medium = {"scattering_per_m": "0.1,0.05,0.02", "absorption_per_m": "0.0,0.05,0.1", "anisotropy": 0.3}
+    for light in scene.objects:
+        if light.type == "LIGHT":
+            light.data.use_shadow = False
+    images = layers_of(baked(scene, backend=backend, use_scene_medium=False, **medium))
+    through = images.pop("Transmittance")
+    scattered = sum(images.values())
+    albedo = np.array([1.0, 0.5, 1.0 / 6.0])
+    total = through + scattered + (1.0 - albedo) * (1.0 - through)
+    # 48 directions know the mean of the phase function to a thousandth.
+    assert total == pytest.approx(np.ones_like(total), abs=2e-3)

@@ -1,4 +1,5 @@
-"""Volumetric light: the open integral at 1080p, the walk against a march through the same maps."""
+"""Volumetric light: the open integral at 1080p, the walk against a march through the same maps,
+bakes against Cycles."""
 
 from __future__ import annotations
 
@@ -8,13 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import strata_kernels
-from strata.addon.bake import Options, read_scene
+from strata.addon.bake import Options, bake, read_scene
 from strata.addon.core.executor import Executor
 from strata.addon.core.surface import Chunk
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared.steps import SURFACE
 from strata.addon.effects.volumetric_light.lattice import lattice_of
 
+from . import cycles
+from .curve import Curve
 from .document import significant, table, times
 
 ROUNDS = 7
@@ -126,3 +129,36 @@ def against_marching(lights: list[Prepared]) -> str:
         )
     head = ("light", "walk: L2", "walk: ms", "march: steps", "march: L2", "march: ms", "march ÷ walk")
     return table(head, rows)
+
+
+def against_cycles(scene, size=SIZE, samples=(16, 128), names=None) -> str:
+    """Each light at default settings: what it takes Cycles, whose error is its noise, to be as right as the
+    bake's own report says, and as it is sure of."""
+    options = Options(("volumetric_light",), "cpu", samples=1)
+    baked = bake(scene, scene.view_layers[0], options, size=size)
+    layers = {layer.light: layer for layer in baked.layers.layers if layer.light}
+    alone = {entry.light: entry.seconds_alone for entry in baked.report.layers}
+    rows = []
+    for lamp in cycles.lamps(scene):
+        if lamp.name not in layers or (names and lamp.name not in names):
+            continue
+        found = [_noise_of_cycles(scene, lamp, count, size) for count in samples]
+        errors, seconds = zip(*found, strict=True)
+        error, own = layers[lamp.name].error, alone[lamp.name]
+        ratios = [
+            times(Curve(seconds, errors).seconds_at(each)[0] / own) if each > 0.0 else "more"
+            for each in (error["ci95"][1], error["value"])
+        ]
+        interval = f"{error['ci95'][0]:.3f} to {error['ci95'][1]:.3f}"
+        marks = [f"{e:.3f} in {significant(s, 3)} s" for e, s in found]
+        rows.append((lamp.name, f"{error['value']:.4f}", interval, significant(own, 3), *marks, *ratios))
+    head = ("light", "relative L2", "95% interval", "s", *(f"Cycles, {count} samples" for count in samples))
+    return table((*head, "Cycles ÷ ours at the interval's end", "at the error itself"), rows)
+
+
+def _noise_of_cycles(scene, lamp, samples: int, size) -> tuple[float, float]:
+    """Relative L2 of a render, from two, and the seconds of one."""
+    first, second = (cycles.airlight(scene, lamp, samples, seed=seed, size=size) for seed in (1, 2))
+    difference = np.sqrt(np.mean((first.image - second.image) ** 2, dtype=np.float64) / 2.0)
+    mean = 0.5 * (first.image.mean(dtype=np.float64) + second.image.mean(dtype=np.float64))
+    return float(difference / mean), 0.5 * (first.seconds + second.seconds)
