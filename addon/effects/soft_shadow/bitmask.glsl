@@ -88,12 +88,35 @@ struct Looked {
   vec4 inner;      // the smaller map's window, relative to the point
 };
 
-// Blocks that wait to be read: layer, block row and column, first and last row within the block.
-const int MOST_WAITING = 16;
-
-uint pack_block(ivec3 block, uint look)
+Looked look_at(Seen seen, int level, vec2 band)
 {
-  return uint(block.z) << 28 | uint(block.y) << 17 | uint(block.x) << 6 | look >> 3;
+  vec2 texel_size = params.window.zw * float(1 << level);
+  vec2 at = (seen.window - params.window.xy) / texel_size;
+  return Looked(level, band, texel_size, at, params.inner - seen.window.xxyy);
+}
+
+// Blocks that wait to be read: row and column, then what look_at_block says, level and layer.
+const int MOST_WAITING = 32;
+
+uvec2 pack_block(ivec3 block, int level, uint look)
+{
+  return uvec2(block.x | block.y << 16, look | uint(level) << 9 | uint(block.z) << 16);
+}
+
+ivec2 block_of(uvec2 waiting)
+{
+  return ivec2(waiting.x & 0xffffu, waiting.x >> 16);
+}
+
+int level_of(uvec2 waiting)
+{
+  return int(waiting.y >> 9 & 15u);
+}
+
+// First of the pairs of texels of the block.
+ivec2 pairs_of(uvec2 waiting)
+{
+  return pair_place(int(waiting.y >> 16), level_of(waiting)) + block_of(waiting) * ivec2(BLOCK / 2, BLOCK);
 }
 
 const uint WORTH_A_LOOK = 1u; // and then in bits 3 to 5 and 6 to 8 the first and the last row that counts
@@ -135,10 +158,10 @@ uint crossed_texels(Seen seen, Looked looked, vec4 rise, vec4 left, vec4 right, 
 }
 
 // One bit for each texel of a block that may hide something, four rows in each word.
-uvec2 found_in(Seen seen, Looked looked, uint waiting)
+uvec2 found_in(Seen seen, Looked looked, uvec2 waiting)
 {
-  ivec2 block = ivec2(waiting >> 6, waiting >> 17) & 0x7ff, rows = ivec2(waiting, waiting >> 3) & 7;
-  ivec2 pairs = pair_place(int(waiting >> 28), looked.level) + ivec2(BLOCK / 2 * block.x, BLOCK * block.y);
+  ivec2 block = block_of(waiting), rows = ivec2(waiting.y >> 3, waiting.y >> 6) & 7;
+  ivec2 pairs = pairs_of(waiting);
   vec4 column = float(BLOCK * block.x) + vec4(0.0, 1.0, 2.0, 3.0) - looked.at.x;
   vec4 left = column * looked.texel_size.x, right = (column + 1.0) * looked.texel_size.x;
   vec4 left_4 = (column + 4.0) * looked.texel_size.x, right_4 = (column + 5.0) * looked.texel_size.x;
@@ -184,58 +207,3 @@ void backproject_texel(Seen seen, Looked looked, uvec2 texel, vec2 offset, inout
   }
 }
 
-// All texels of a region that lie in blocks worth a look. Invocations that run side by side look at different blocks and
-// texels, so each step is done for several before the next begins: blocks are collected, then read for which of
-// their texels may matter, and those are projected.
-void backproject(Seen seen, Region region, int level, vec2 band, inout Bits hidden)
-{
-  vec2 texel_size = params.window.zw * float(1 << level);
-  Looked looked = Looked(
-      level, band, texel_size, (seen.window - params.window.xy) / texel_size, params.inner - seen.window.xxyy);
-  if (is_within((vec2(region.low) - looked.at) * texel_size, (vec2(region.high) - looked.at) * texel_size, looked.inner)) {
-    return;
-  }
-  ivec2 first = region.low / BLOCK, last = (region.high - 1) / BLOCK;
-  ivec3 block = ivec3(first, 0);
-  while (block.y <= last.y && !all_hidden(hidden)) {
-    uint waiting[MOST_WAITING];
-    uvec2 found[MOST_WAITING];
-    int count = 0;
-    while (block.y <= last.y && count < MOST_WAITING) {
-      uint look = look_at_block(seen, looked, block);
-      if ((look & WORTH_A_LOOK) != 0u) {
-        waiting[count] = pack_block(block, look);
-        count++;
-      }
-      block.z++;
-      if (look == LAST_LAYER || block.z == map_layers()) {
-        block.xz = ivec2(block.x + 1, 0);
-      }
-      if (block.x > last.x) {
-        block.xy = ivec2(first.x, block.y + 1);
-      }
-    }
-    for (int i = 0; i < count; i++) {
-      found[i] = found_in(seen, looked, waiting[i]);
-    }
-    int next = 0;
-    uvec2 bits = uvec2(0u);
-    ivec2 corner = ivec2(0), pairs = ivec2(0);
-    while (true) {
-      while (bits == uvec2(0u) && next < count) {
-        bits = found[next];
-        corner = BLOCK * (ivec2(waiting[next] >> 6, waiting[next] >> 17) & 0x7ff);
-        pairs = pair_place(int(waiting[next] >> 28), level);
-        next++;
-      }
-      if (bits == uvec2(0u)) {
-        break;
-      }
-      int bit = bits.x != 0u ? findLSB(bits.x) : 32 + findLSB(bits.y);
-      bits = bits.x != 0u ? uvec2(bits.x & (bits.x - 1u), bits.y) : uvec2(0u, bits.y & (bits.y - 1u));
-      ivec2 texel = corner + ivec2(bit & 7, bit >> 3);
-      uvec2 found_texel = one_of(texelFetch(texels, pairs + ivec2(texel.x >> 1, texel.y), 0), texel.x);
-      backproject_texel(seen, looked, found_texel, vec2(texel) - looked.at, hidden);
-    }
-  }
-}
