@@ -260,28 +260,28 @@ pub fn backproject_block<V: Vector>(
     hidden
 }
 
+/// Where a register of samples from the number `first` on lies on the light's plane.
+#[inline(always)]
+fn samples<V: Vector>(vector: V, seen: &Seen, first: usize) -> [V::Floats; 2] {
+    let [left, right, bottom, top] = seen.bounds;
+    let (x, y) = (
+        vector.load(&SAMPLE_PLACES[0][first..]),
+        vector.load(&SAMPLE_PLACES[1][first..]),
+    );
+    [
+        vector.add(vector.splat(left), vector.mul(x, vector.splat(right - left))),
+        vector.add(vector.splat(bottom), vector.mul(y, vector.splat(top - bottom))),
+    ]
+}
+
 /// As `plain::horizon`.
 #[inline(always)]
 pub fn horizon<V: Vector>(vector: V, seen: &Seen) -> Bits {
-    let [left, right, bottom, top] = seen.bounds;
     let [normal_x, normal_y, normal_z] = seen.geometric_normal;
     let [base_x, base_y, base_z] = seen.base;
     let mut hidden = Bits::default();
     for first in (0..SAMPLES).step_by(V::LANES) {
-        let x = vector.add(
-            vector.splat(left),
-            vector.mul(
-                vector.load(&SAMPLE_PLACES[0][first..]),
-                vector.splat(right - left),
-            ),
-        );
-        let y = vector.add(
-            vector.splat(bottom),
-            vector.mul(
-                vector.load(&SAMPLE_PLACES[1][first..]),
-                vector.splat(top - bottom),
-            ),
-        );
+        let [x, y] = samples(vector, seen, first);
         let height = vector.add(
             vector.add(
                 vector.mul(vector.splat(normal_x), vector.sub(x, vector.splat(base_x))),
@@ -299,26 +299,13 @@ pub fn horizon<V: Vector>(vector: V, seen: &Seen) -> Bits {
 #[inline(always)]
 pub fn resolve<V: Vector>(vector: V, light: &Light, seen: &Seen, hidden: &Bits) -> f32 {
     let zero = vector.splat(0.0);
-    let [left, right, bottom, top] = seen.bounds;
+    let [_, right, _, top] = seen.bounds;
     let [base_x, base_y, base_z] = seen.base;
     let base2 = base_x * base_x + base_y * base_y + base_z * base_z;
     let mut open = [zero; MOST_LANES];
     let mut all = [zero; MOST_LANES];
     for first in (0..SAMPLES).step_by(V::LANES) {
-        let x = vector.add(
-            vector.splat(left),
-            vector.mul(
-                vector.load(&SAMPLE_PLACES[0][first..]),
-                vector.splat(right - left),
-            ),
-        );
-        let y = vector.add(
-            vector.splat(bottom),
-            vector.mul(
-                vector.load(&SAMPLE_PLACES[1][first..]),
-                vector.splat(top - bottom),
-            ),
-        );
+        let [x, y] = samples(vector, seen, first);
         let (dx, dy) = (
             vector.sub(x, vector.splat(base_x)),
             vector.sub(y, vector.splat(base_y)),
