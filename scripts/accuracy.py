@@ -106,7 +106,7 @@ def toon_shading(quick: bool) -> str:
 
 def volumetric(quick: bool) -> str:
     """Every light of mist, scattered once by its haze."""
-    samples, size = (16, (96, 54)) if quick else (4096, (96, 54))
+    samples, size = (16, (96, 54)) if quick else (1024, (96, 54))
     rows = []
     for found in airlight.compare_all(open_sample("mist"), samples, size):
         figures = [rmse(found.error), rmse(found.cycles_noise), f"{found.bias:+.4f}", rmse(found.value)]
