@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import SAMPLES
 from strata.addon.bake import Options, bake
+from strata.addon.preview.budget import Budget
 from strata.addon.preview.session import Session
 from strata.addon.preview.viewport import Viewport
 from strata.addon.scene.cameras import camera_of
@@ -251,6 +252,20 @@ def test_errors_are_estimated_within_a_factor(backend):
         true = np.sqrt(((pixels - final) ** 2).mean() / (final**2).mean())
         assert true / 3 < statistics.error < 3 * true, statistics.samples
     assert found[-1][0].error == 0.0
+
+
+def test_one_slow_frame_among_others_makes_no_picture_coarser():
+    budget = Budget(level=0)
+    fast, slow = (33.0, 10.0, 20.0), (33.0, 10.0, 24.0)
+    assert budget.coarser(*slow)  # the very first, nothing else being known
+    assert not budget.coarser(*fast)
+    assert not budget.coarser(*slow)
+    assert not budget.coarser(*fast)
+    assert not budget.coarser(*slow)
+    assert budget.coarser(*slow)
+    assert budget.coarser(*slow)  # at the next scale too: no frame is waited for
+    assert budget.scale == 0.125
+    assert not budget.coarser(*slow)
 
 
 def test_a_lights_own_settings_count_and_are_lightened_too(backend):

@@ -267,6 +267,11 @@ class Instances(tuple[Instance, ...]):
         return np.array([instance.casts_shadow for instance in self], bool)
 
     @cached_property
+    def owning(self) -> list[tuple[int, Instance]]:
+        """Those that have settings of their own, with their indices."""
+        return [(index, each) for index, each in enumerate(self) if each.own]
+
+    @cached_property
     def media(self) -> list[tuple[int, Instance]]:
         """Those that are a medium, with their indices."""
         return [(index, each) for index, each in enumerate(self) if each.medium is not None]

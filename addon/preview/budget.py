@@ -25,6 +25,7 @@ class Budget:
 
     level: int = 2
     map_level: int = 3
+    was_slow: bool = True
 
     @property
     def scale(self) -> float:
@@ -35,8 +36,11 @@ class Budget:
         return SCALES[self.map_level]
 
     def coarser(self, budget_ms: float, scene_ms: float, surface_ms: float) -> bool:
-        """After a frame: takes the next coarser scale where the pixels cost more than they may."""
-        if surface_ms <= self._allowed(budget_ms, scene_ms) or self.level == len(SCALES) - 1:
+        """After a frame: takes the next coarser scale where pixels cost more than they may. One slow frame
+        among others does not count: something else may have had the processor."""
+        is_slow = surface_ms > self._allowed(budget_ms, scene_ms)
+        was_slow, self.was_slow = self.was_slow, is_slow
+        if not (is_slow and was_slow) or self.level == len(SCALES) - 1:
             return False
         self.level += 1
         return True

@@ -42,11 +42,13 @@ def ramps_of(outline: Outline, params: ToonParams) -> Ramps:
         return known.setdefault(own.ramp, len(known)) if own.use_ramp else otherwise
 
     materials = [index(own_of(material), 0) for material in outline.materials]
-    instances = [index(own_of(instance), BY_MATERIAL) for instance in outline.instances]
+    instances = np.full(len(outline.instances), BY_MATERIAL, np.int32)
+    for number, instance in outline.instances.owning:
+        instances[number] = index(own_of(instance), BY_MATERIAL)
     tables = [ramp.table() for ramp in known]
     return Ramps(
         np.array(materials, np.int32),
-        np.array(instances, np.int32) if any(i != BY_MATERIAL for i in instances) else None,
+        instances if (instances != BY_MATERIAL).any() else None,
         np.concatenate([table.packed() for table in tables]),
         np.cumsum([0, *(len(table.starts) for table in tables)]).astype(np.int32),
         np.array([table.clamps for table in tables], np.uint8),
@@ -69,6 +71,9 @@ def without_outline(outline: Outline) -> frozenset[int]:
 
 
 def _where_all_say(outline: Outline, says: Callable[[ToonObjectParams], bool]) -> frozenset[int]:
+    found = {index for index, each in outline.instances.owning if says(own_of(each))}
     materials = {index for index, material in enumerate(outline.materials) if says(own_of(material))}
-    instances = enumerate(outline.instances)
-    return frozenset(i for i, each in instances if says(own_of(each)) or materials.issuperset(each.materials))
+    if materials:
+        every = enumerate(outline.instances)
+        found.update(index for index, each in every if materials.issuperset(each.materials))
+    return frozenset(found)
