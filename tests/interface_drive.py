@@ -201,11 +201,26 @@ def person_at_work(found: dict):
     yield 1.0
     found["images after undo"] = float_images()
 
-    # F12, with the engine.
+    # F12, with the engine, and Esc.
     scene = bpy.context.scene
     scene.render.engine = "STRATA"
     state().reports.clear()
-    scene.strata.samples, scene.strata.probes = 1, 16
+    scene.strata.samples, scene.strata.probes = 4096, 16
+    bpy.context.preferences.view.render_display_type = "NONE"  # the keyboard stays with this window
+    yield 0.5
+    yield from person.press("F12", *person.middle(person.region_of(area, "WINDOW")))
+    yield from wait(lambda: bpy.app.is_job_running("RENDER"))
+    yield 3.0  # into the samples
+    found["renders until Esc"] = bpy.app.is_job_running("RENDER")
+    person.xdotool("key", "Escape")
+    pressed = time.monotonic()
+    yield from wait(lambda: not bpy.app.is_job_running("RENDER"))
+    found["seconds to cancel a render"] = time.monotonic() - pressed
+    found["left of the cancelled render"] = [sorted(state().reports), float_images()]
+    bpy.context.preferences.view.render_display_type = "WINDOW"
+
+    # And to its end.
+    scene.strata.samples = 1
     yield 0.5
     yield from person.press("F12", *person.middle(person.region_of(area, "WINDOW")))
     yield from wait(lambda: scene_id in state().reports)

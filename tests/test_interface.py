@@ -90,6 +90,9 @@ def check_a_session(backend, archive, display, tmp_path):
     assert "%" in found["drawn while baking"]
     assert found["seconds to cancel"] < SECONDS_TO_CANCEL
     assert found["images after cancel"] == []
+    assert found["renders until Esc"]
+    assert found["seconds to cancel a render"] < SECONDS_TO_CANCEL
+    assert found["left of the cancelled render"] == [[], []]
     assert len(layers) >= 3
     assert found["layers"] == layers == found["rendered"]
     assert found["images"] == sorted(layers)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 
 import bpy
 import numpy as np
@@ -73,8 +74,9 @@ class StrataRenderEngine(bpy.types.RenderEngine):
         preview.draw(context)
 
     def __del__(self):
-        if (scene := getattr(self, "_scene_id", None)) is not None:
-            preview.unfollow(scene)
+        with suppress(ReferenceError):  # Blender has freed its part already, as after a cancelled render
+            if (scene := getattr(self, "_scene_id", None)) is not None:
+                preview.unfollow(scene)
         parent = getattr(super(), "__del__", None)
         if parent:
             parent()
