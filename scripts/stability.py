@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
 DOCUMENT = ROOT / "docs" / "stability.md"
-EFFECTS = ("volumetric_light",)
+EFFECTS = ("soft_shadow", "volumetric_light", "toon")
 """Modules of scripts/extremes; each yields its rows."""
 
 HEAD = """# Stability

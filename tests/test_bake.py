@@ -14,6 +14,8 @@ from strata.addon.core.errors import Cancelled, StrataError
 from strata.addon.scene.open import choose, open_blend
 
 SMALL = (160, 90)
+EVERYTHING = ("soft_shadow", "volumetric_light", "toon")
+FOG = {"volumetric_light": {"use_scene_medium": False, "resolution": 256, "light_samples": 1}}
 
 
 def bake_file(path, options: Options, **where):
@@ -28,6 +30,7 @@ def images(baked) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("path", scene_files(), ids=lambda path: path.stem)
 def test_every_planned_layer_of_every_scene_is_there_and_finite(path, backend):
+    """All effects are on, and there is fog everywhere."""
     open_blend(path)
     if not any(thing.type == "CAMERA" for thing in bpy.data.objects):
         with pytest.raises(StrataError, match="no camera"):
@@ -37,7 +40,7 @@ def test_every_planned_layer_of_every_scene_is_there_and_finite(path, backend):
     outline, graph, arrays, _ = read_scene(
         chosen.scene,
         chosen.view_layer,
-        options := Options(backend=backend, samples=1, probes=64),
+        options := Options(EVERYTHING, backend, samples=1, probes=64, values=FOG),
         size=SMALL,
     )
     job = BakeJob(outline, graph, arrays, options)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from soft_shadow_scenes import DOWN, lamp
 from strata.addon.core.emitter import EmitterKind
-from strata.addon.effects.soft_shadow.views import FACE_TANGENT, light_views
+from strata.addon.effects.soft_shadow.views import FACE_TANGENT, light_views, too_far
 
 REGION = np.array([[[-20.0, -20.0, 0.0], [20.0, 20.0, 2.0]]])
 GROUND = np.array([[-500.0, -500.0, 0.0], [500.0, 500.0, 0.0]])
@@ -109,3 +109,12 @@ def test_penumbras_of_casters_beside_the_receivers_are_kept():
     # The last ray, from x = 0 on the ground to x = -.5 on the lamp, passes the caster's height at -.375.
     assert views[0][1].window[0] == pytest.approx(-0.375, abs=1e-3)
     assert in_window(views[0][1], np.array([[-0.374, 0.0, 3.0]])).all()
+
+
+def test_a_lamp_whose_depths_would_run_together_is_refused():
+    region = np.array([[-2.0, -2.0, 0.0], [2.0, 2.0, 0.5]])
+    assert too_far(lamp(centre=(0.0, 0.0, 1e6)), region) is None
+    assert "depths run together" in too_far(lamp(centre=(0.0, 0.0, 1e8)), region)
+    assert "single precision" in too_far(lamp(centre=(0.0, 0.0, 1e10)), 1e9 * region)
+    assert too_far(lamp(EmitterKind.DISTANT_DISK, centre=(0.0, 0.0, 1e12)), region) is None
+    assert too_far(lamp(centre=(0.5, 0.0, 0.2)), region) is None  # within what it lights

@@ -16,7 +16,7 @@ from strata.addon.core.surface import Chunk
 from strata.addon.core.view import View
 from strata.addon.effects.shared.steps import LAYERED_DEPTH, SURFACE
 from strata.addon.effects.soft_shadow import steps
-from strata.addon.effects.soft_shadow.views import light_views
+from strata.addon.effects.soft_shadow.views import light_views, too_far
 
 from .row import Row
 
@@ -116,6 +116,9 @@ def _row(
 ) -> Row:
     origin = np.array(origin, np.float64)
     points = ground_points(count=31) if points is None else points
+    world = points + origin
+    if refused := too_far(emitter, np.array([world.min(axis=0), world.max(axis=0)])):
+        return Row(EFFECT, extreme, TRUTH, {}, bound, refused)
     errors = {}
     for device in devices:
         found, at = _found(device, polygons, emitter, origin, points, camera)
@@ -127,7 +130,7 @@ def _row(
 
 def _sizes(devices) -> Iterator[Row]:
     for half in (0.0, 1e-6, 1e-3, 0.05, 0.5, 2.0, 20.0, 1e3):
-        bound = HARD_BOUND if half < 0.01 else BOUND
+        bound = HARD_BOUND if half < 0.01 else BOUND if half < 10.0 else VAST_BOUND
         yield _row(
             devices,
             f"a rectangle of {2 * half:g} m, 4 m above a ground of 12 m",
@@ -142,11 +145,11 @@ def _sizes(devices) -> Iterator[Row]:
 
 def _distances(devices) -> Iterator[Row]:
     points = ground_points(count=31)
-    for scale in (1e-4, 1e-2, 1e2, 1e4, 1e6, 1e9):
-        emitter = lamp(centre=(0.0, 0.0, 4.0 * scale), half=(0.5 * scale, 0.5 * scale))
-        polygons = GROUND * scale, LOW * scale
-        name = f"everything {scale:g} times as large, the lamp {4 * scale:g} m away"
-        yield _row(devices, name, emitter, polygons, LOW * scale, points=points * scale)
+    for distance in (1e-3, 1e-1, 1e1, 1e3, 1e6, 1e9, 1e10):
+        scale = distance / 4.0
+        emitter = lamp(centre=(0.0, 0.0, distance), half=(0.5 * scale, 0.5 * scale))
+        name = f"the lamp {distance:g} m away and all in proportion"
+        yield _row(devices, name, emitter, (GROUND * scale, LOW * scale), LOW * scale, points=points * scale)
     for distance in (1e2, 1e4, 1e6, 1e9):
         emitter = lamp(centre=(0.0, 0.0, distance), half=(0.125 * distance,) * 2)
         yield _row(devices, f"only the lamp {distance:g} m away, as large to the eye as at 4 m", emitter)

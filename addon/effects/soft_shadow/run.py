@@ -13,7 +13,7 @@ from ...core.recorder import Recorder
 from ..shared import steps as shared
 from . import beside, steps
 from .params import Method, SoftShadowParams
-from .views import light_views, share_axes
+from .views import light_views, share_axes, too_far
 
 POINTS = ("position", "geometric_normal", "shading_normal")
 
@@ -70,7 +70,7 @@ def _unneeded(light: Light, visible: frozenset[int], region: np.ndarray) -> str 
         return "nothing is in view"
     if light.receivers == frozenset():
         return "it lights no diffuse surface (ray visibility or light linking)"
-    return unlit_reason(light, visible, region)
+    return unlit_reason(light, visible, region) or too_far(light.emitter, region)
 
 
 def _is_empty_area(light: Light) -> bool:

@@ -33,6 +33,13 @@ SPARE = 1.5
 VAST = 0.5
 """A caster wider than this share of everything is a ground, and no reason to spread a sun's texels thin."""
 
+FARTHEST = 2.5e5
+"""Distance of a lamp over the size of what it lights: a map's depths in single precision are 1.5% of that
+size apart there, and farther off they would soon not tell a caster from what it shadows."""
+
+FARTHEST_M = 2e9
+"""Metres; beyond it the fourth power of a distance leaves single precision."""
+
 NamedView = tuple[str, View]
 LeftOut = tuple[str, str]
 
@@ -57,6 +64,19 @@ def light_views(
         sine = math.sqrt(1.0 - emitter.cos_cone**2)
         return _nested_views(emitter, casters, receivers, sine / emitter.cos_cone)
     return _cube_views(emitter, casters, receivers)
+
+
+def too_far(emitter: Emitter, region: np.ndarray) -> str | None:
+    """Why the light is too far for maps from what it lights, the box `region` (2, 3), or None."""
+    if emitter.kind == EmitterKind.DISTANT_DISK:
+        return None
+    centre, size = np.array(emitter.centre), float(np.linalg.norm(region[1] - region[0]))
+    distance = float(np.linalg.norm(centre - centre.clip(*region)))
+    if distance > FARTHEST_M:
+        return f"it is {distance:.2g} m away, more than single precision holds"
+    if distance <= FARTHEST * size or size == 0.0:
+        return None
+    return f"it is {distance:.2g} m from a scene of {size:.2g} m: depths run together, take a sun instead"
 
 
 def _may_shadow(emitter: Emitter, casters: np.ndarray, receivers: np.ndarray) -> np.ndarray:

@@ -6,7 +6,14 @@ import math
 
 import numpy as np
 
-from ...core.culling import boxes_of, casters_of, corners_of, frustum_corners, lights_region
+from ...core.culling import (
+    boxes_of,
+    casters_of,
+    corners_of,
+    frustum_corners,
+    lights_region,
+    receivers_in_view,
+)
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
 from ...core.outline import Light, Outline
@@ -47,8 +54,9 @@ def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> 
     region = _region(outline, fill, boxes)
     if region is None:
         return recorder.left_out("volumetric_light", "the medium is not in view")
-    visible = outline.instances.subset(outline.instances.shown)
-    surface = shared.surface(recorder, outline, visible, "depth")
+    # The same as other effects take: one surface serves all.
+    seen, _ = receivers_in_view(outline, boxes)
+    surface = shared.surface(recorder, outline, outline.instances.subset(seen), "depth")
     stride = params.scale.stride
     if not any(fill.medium.scattering):
         recorder.left_out("volumetric_light scattering", "the medium only absorbs")

@@ -153,13 +153,6 @@ fn arc(from: Vec3, to: Vec3, largest: f64) -> Vec<Vec3> {
         .collect()
 }
 
-/// As many directions as `count`, the last one repeated.
-fn padded(mut directions: Vec<Vec3>, count: usize) -> Vec<Vec3> {
-    let last = *directions.last().expect("an arc has two ends");
-    directions.resize(count, last);
-    directions
-}
-
 /// The round strips that end at a welded vertex: what they pass, and the sum of their directions.
 #[derive(Default)]
 struct Meeting {
@@ -193,40 +186,35 @@ impl Builder<'_> {
         a.min(b)
     }
 
-    fn emit(&mut self, corners: [(u32, Vec3); 3]) {
-        if corners
-            .iter()
-            .all(|(vertex, _)| self.places[*vertex as usize].wanted <= 0.0)
-        {
+    /// A triangle of the hull, from vertices and where they are moved to.
+    fn emit(&mut self, vertices: [u32; 3], moved: [Vec3; 3]) {
+        if vertices.iter().all(|v| self.places[*v as usize].wanted <= 0.0) {
             return; // no line here
         }
-        let [a, b, c] = corners.map(|(vertex, direction)| self.moved(vertex, direction));
-        if [a, b, c].iter().flatten().all(|x| x.is_finite()) && a != b && b != c && c != a {
-            self.triangles.push([a, b, c].map(|p| p.map(|x| x as f32)));
+        let [a, b, c] = moved;
+        if moved.iter().flatten().all(|x| x.is_finite()) && a != b && b != c && c != a {
+            self.triangles.push(moved.map(|p| p.map(|x| x as f32)));
         }
     }
 
-    /// A piece of a strip or a patch, if it faces away.
-    fn emit_round(&mut self, corners: [(u32, Vec3); 3]) {
-        let [(at, a), (_, b), (_, c)] = corners;
-        if self.eye.faces_away(self.moved(at, a), add(a, add(b, c))) {
-            self.emit(corners);
-        }
-    }
-
-    /// A strip between two vertices (or one and itself), each moved along an arc of directions.
-    fn strip(&mut self, ends: [u32; 2], arcs: [Vec<Vec3>; 2]) {
+    /// A strip between two vertices (or one and itself), each moved along an arc of directions: the pieces of it that
+    /// face away.
+    fn strip(&mut self, ends: [u32; 2], arcs: [&[Vec3]; 2]) {
         let count = arcs[0].len().max(arcs[1].len());
-        let [start, end] = arcs.map(|arc| padded(arc, count));
+        let at = |end: usize, i: usize| arcs[end][i.min(arcs[end].len() - 1)];
+        let mut before = [0, 1].map(|end| (at(end, 0), self.moved(ends[end], at(end, 0))));
         for i in 1..count {
-            let [a, b, c, d] = [
-                (ends[0], start[i - 1]),
-                (ends[0], start[i]),
-                (ends[1], end[i - 1]),
-                (ends[1], end[i]),
-            ];
-            self.emit_round([a, b, c]);
-            self.emit_round([b, d, c]);
+            let [a, c] = before;
+            let [b, d] = [0, 1].map(|end| (at(end, i), self.moved(ends[end], at(end, i))));
+            for (vertices, [p, q, r]) in [
+                ([ends[0], ends[0], ends[1]], [a, b, c]),
+                ([ends[0], ends[1], ends[1]], [b, d, c]),
+            ] {
+                if self.eye.faces_away(p.1, add(p.0, add(q.0, r.0))) {
+                    self.emit(vertices, [p.1, q.1, r.1]);
+                }
+            }
+            before = [b, d];
         }
     }
 }
@@ -303,11 +291,15 @@ fn hull(
         // By the triangle before it moved: what was in front stays away, even where the hull folds over.
         let Some(n) = normals[triangle] else { continue };
         let corners: [(u32, Vec3); 3] = std::array::from_fn(|k| (ends[k], directions[3 * triangle + k]));
-        if eye.faces_away(builder.point(ends[0]), n) {
-            builder.emit(corners);
+        let turn = if eye.faces_away(builder.point(ends[0]), n) {
+            1.0
         } else if is_open {
-            builder.emit(corners.map(|(vertex, direction)| (vertex, scale(direction, -1.0))));
-        }
+            -1.0
+        } else {
+            continue;
+        };
+        let moved = corners.map(|(vertex, direction)| builder.moved(vertex, scale(direction, turn)));
+        builder.emit(*ends, moved);
     }
     round_edges(topology, &normals, &directions, &mut builder);
     builder.triangles
@@ -406,13 +398,12 @@ fn round_edges(topology: &Topology, normals: &[Option<Vec3>], directions: &[Vec3
                 })
             }
         };
-        for (vertex, arc) in [start, end].into_iter().zip(&arcs) {
+        builder.strip([start, end], [&arcs[0], &arcs[1]]);
+        for (vertex, arc) in [start, end].into_iter().zip(arcs) {
             let meeting = meetings.entry(vertex).or_default();
-            let middle = arc[arc.len() / 2];
-            meeting.middle = add(meeting.middle, middle);
-            meeting.arcs.push(arc.clone());
+            meeting.middle = add(meeting.middle, arc[arc.len() / 2]);
+            meeting.arcs.push(arc);
         }
-        builder.strip([start, end], arcs);
     }
     let mut meetings: Vec<(u32, Meeting)> = meetings.into_iter().collect();
     meetings.sort_unstable_by_key(|(vertex, _)| *vertex); // the same order every time
@@ -428,7 +419,7 @@ fn round_edges(topology: &Topology, normals: &[Option<Vec3>], directions: &[Vec3
             // From the corner's middle out to the strip's end, a part of a sphere.
             let rays: Vec<Vec<Vec3>> = arc.iter().map(|&end| self::arc(middle, end, largest)).collect();
             for pair in rays.windows(2) {
-                builder.strip([vertex; 2], [pair[0].clone(), pair[1].clone()]);
+                builder.strip([vertex; 2], [&pair[0], &pair[1]]);
             }
         }
     }
