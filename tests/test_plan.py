@@ -166,3 +166,11 @@ def test_wide_maps_need_not_draw_what_a_finer_one_holds_whole(low_panel, monkeyp
     # The wider maps are read here: without them shadows are missing.
     monkeypatch.setattr(run, "not_whole_in", lambda view, casters, instances: frozenset())
     assert (np.abs(visibility() - more) > 0.1).mean() > 0.01
+
+
+def test_all_effects_share_one_surface(courtyard):
+    """Though much of the scene is out of the camera's sight."""
+    fog = {"use_scene_medium": False, "scattering_per_m": (0.1, 0.1, 0.1)}
+    options = Options(("soft_shadow", "volumetric_light", "toon"), values={"volumetric_light": fog})
+    graph = plan_scene(courtyard, options)
+    assert [node for node in graph.nodes() if node.step.name == "surface"] == [graph.surface]
