@@ -84,7 +84,7 @@ vec3 near_group(Seen seen, float tau, float length_m, float travelled, float low
       float z = start + grown.x, mirrored = 1.0 / z, z2 = z * z;
       float away = 0.5 * h * (z + mirrored);
       float value = falloff(away) * (away * mirrored) * grown.y * (node.y * step_y);
-      value *= scattered_share(seen, 0.5 * h * (z - mirrored), away, z2 / (1.0 + z2), nearby);
+      value *= scattered_share(seen, 0.5 * h * (z - mirrored), away, (params.extinction.w >= 0.0 ? z2 : 1.0) / (1.0 + z2), nearby);
 #ifdef LOOKED_UP
       float t = 0.5 * h * (z - mirrored) + seen.closest;
       float path = travelled + (t - (tau + seen.closest)) + way_travelled(ray.origin + t * ray.direction);

@@ -16,13 +16,19 @@ const float NEARBY = 0.25;
 #endif
 const float SHARPEST = 0.9;
 
-// Henyey and Greenstein's phase function; `ahead` = (1 - cos) / 2, `filled` as medium.rs has it.
-float phase(float ahead, float filled)
+// Henyey and Greenstein's phase function; `turned` = (1 - cos) / 2 for light that mostly goes on, (1 + cos) / 2 for light
+// that mostly returns; `filled` as medium.rs has it.
+float phase_turned(float turned, float filled)
 {
-  float turned = params.extinction.w >= 0.0 ? ahead : 1.0 - ahead;
   float missing = params.phase.x + params.phase.y * filled;
   float square = missing * missing + 4.0 * (1.0 - missing) * turned;
   return missing * (2.0 - missing) / (4.0 * PI * square * sqrt(square));
+}
+
+// The same of `ahead` = (1 - cos) / 2.
+float phase(float ahead, float filled)
+{
+  return phase_turned(params.extinction.w >= 0.0 ? ahead : 1.0 - ahead, filled);
 }
 
 // A ray as a source sees it: source.rs `Seen`.
@@ -76,9 +82,9 @@ float spot(float cosine, float off, float sine2, float own)
   return x * x * (3.0 - 2.0 * x);
 }
 
-// Relative intensity times the phase function; `share` = (1 + tau / away) / 2 with all its digits. A light nearby is
-// many directions: lanes/light.rs.
-float scattered_share(Seen seen, float tau, float away, float share, bool nearby)
+// Relative intensity times the phase function; `turned` as phase_turned has it. A light nearby is many directions:
+// lanes/light.rs.
+float scattered_share(Seen seen, float tau, float away, float turned, bool nearby)
 {
   float fills = filled(away);
   float cosine = (seen.along0 + tau * seen.along1) / away;
@@ -89,14 +95,14 @@ float scattered_share(Seen seen, float tau, float away, float share, bool nearby
   if (params.cone.y != 0.0) {
     facing = max(facing * params.cone.x - sqrt(sine2), 0.0) * params.cone.y;
   }
-  return facing * phase(share, fills);
+  return facing * phase_turned(turned, fills);
 #else
   if (!nearby) {
 #  ifdef SPOT
     float off = cosine > 0.0 ? sine2 / (1.0 + cosine) : 1.0 - cosine;
-    return spot(cosine, off, sine2, fills) * phase(share, fills);
+    return spot(cosine, off, sine2, fills) * phase_turned(turned, fills);
 #  else
-    return phase(share, fills);
+    return phase_turned(turned, fills);
 #  endif
   }
   float ahead = tau / away, sine = sqrt(max(sine2, 1e-20));
