@@ -68,6 +68,7 @@ def main(source: str, target: str) -> None:
             maps=1,
             max_samples=512,
             refinements=2,
+            spacing=1,
         )
         results[method] = shadow["visibility"]
     np.savez(target, description=device.description, **device.to_host(results))

@@ -76,16 +76,26 @@ def courtyard():
 
 
 def shadows(
-    courtyard, emitter, method, maps, max_samples=512, refinements=2, bias=(1.0, 1e9), surface=None, tables=()
+    courtyard,
+    emitter,
+    method,
+    maps,
+    max_samples=512,
+    refinements=2,
+    bias=(1.0, 1e9),
+    surface=None,
+    tables=(),
+    spacing=1,
 ):
-    """Visibility and uncertainty by the plain kernel (the thesis's sum has only one) and by the GPU."""
+    """Visibility and uncertainty by the plain kernel (the thesis's sum has only one, and only the fast one
+    knows a grid of points) and by the GPU."""
     gpu, surface = gpu_device(), surface or courtyard.surface
     prepared = [kernels.soft_shadow_prepare(depths, view.packed(), *bias) for view, depths in maps]
     points = [surface[name] for name in POINTS[:3]]
     arguments = (*points, np.array(CAMERA.eye), emitter.packed(), prepared, max_samples, refinements)
-    twin = "area" if method == "area" else "plain"
+    twin = "area" if method == "area" else "plain" if spacing == 1 else "bitmask"
     cpu = kernels.soft_shadow_backproject(
-        *arguments, method=twin, leave_uncertain=method == "hybrid", beside=list(tables)
+        *arguments, method=twin, leave_uncertain=method == "hybrid", beside=list(tables), spacing=spacing
     )
     on_gpu = [PREPARE.gpu(gpu, gpu.from_host(depths), view, *bias) for view, depths in maps]
     values = BACKPROJECT.gpu(
@@ -98,13 +108,15 @@ def shadows(
         method=method,
         max_samples=max_samples,
         refinements=refinements,
+        spacing=spacing,
         maps=len(on_gpu),
     )
     values = gpu.to_host(values)
     return cpu, (values["visibility"], values["uncertain"])
 
 
-def assert_alike(cpu, gpu, rounding=1e-4):
+def assert_alike(cpu, gpu, rounding=1e-4, told=1):
+    """`told`: as how many points one evaluated point counts, as it is interpolated."""
     assert cpu[0].shape == gpu[0].shape
     assert gpu[0].dtype == np.float32
     assert gpu[1].dtype == np.uint8
@@ -112,7 +124,7 @@ def assert_alike(cpu, gpu, rounding=1e-4):
     assert np.isfinite(gpu[0]).all()
     assert share_beyond(cpu[0], gpu[0], rounding) < 0.01
     assert difference.max() < 0.06
-    assert difference.mean() < 2e-5
+    assert difference.mean() < 2e-5 * told
     assert (cpu[1] != gpu[1]).mean() < 2e-3
 
 
@@ -125,6 +137,14 @@ def test_every_kind_of_light_agrees(courtyard, light, method):
     assert cpu[0].min() < 0.2 or method == "hybrid"  # there is a shadow to compare
     assert cpu[1].any() == (method == "hybrid")
     assert_alike(cpu, gpu)
+
+
+@pytest.mark.parametrize("spacing", [2, 3])
+@pytest.mark.parametrize("method", ["bitmask", "hybrid"])
+@pytest.mark.parametrize("light", LIGHTS)
+def test_points_between_evaluated_ones_agree(courtyard, light, method, spacing):
+    maps = list(courtyard.depths(LIGHTS[light]))
+    assert_alike(*shadows(courtyard, LIGHTS[light], method, maps, spacing=spacing), told=spacing**2)
 
 
 def nested(courtyard, emitter):
@@ -286,7 +306,7 @@ def test_only_the_sum_of_areas_needs_a_second_depth(courtyard):
         kernels.soft_shadow_backproject(*points, np.array(CAMERA.eye), emitter, prepared, method="area")
     gpu = gpu_device()
     prepared = [PREPARE.gpu(gpu, gpu.from_host(depths), view, 1.0, 1e9) for view, depths in maps]
-    settings = {"max_samples": 512, "refinements": 1, "maps": len(maps)}
+    settings = {"max_samples": 512, "refinements": 1, "spacing": 1, "maps": len(maps)}
     with pytest.raises(ValueError, match="two layers"):
         BACKPROJECT.gpu(
             gpu,

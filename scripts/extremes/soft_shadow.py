@@ -85,6 +85,7 @@ def _found(device, polygons, emitter: Emitter, origin: np.ndarray, points, camer
         method="bitmask",
         max_samples=MAX_SAMPLES,
         refinements=1,
+        spacing=1,
         maps=len(maps),
     )
     return device.to_host(values)["visibility"].ravel()[shown], points[shown]

@@ -2,7 +2,8 @@
 //
 // Dispatched once a map, for the points that chose it; with NESTED for all points, since all read all maps, and what
 // is hidden goes from one to the next; with UNMAPPED once for each axis that a light without a map is seen along, for
-// the points that chose none. AREA takes the thesis's sum instead of the bitmask.
+// the points that chose none. AREA takes the thesis's sum instead of the bitmask. With a spacing, once for the points of
+// a grid, and with BETWEEN once more for those that its points do not tell.
 #include "light.glsl"
 #include "map.glsl"
 #ifdef UNMAPPED
@@ -11,6 +12,9 @@
 #  include "area.glsl"
 #else
 #  include "bands.glsl"
+#endif
+#ifdef BETWEEN
+#  include "between.glsl"
 #endif
 
 #ifdef AREA
@@ -64,6 +68,13 @@ void evaluate(Seen seen, ivec2 pixel, bool doubtful)
     answer(pixel, 1.0, true);
     return;
   }
+#  ifdef BETWEEN
+  float share;
+  if (readable && is_between(pixel, share)) {
+    answer(pixel, share, false);
+    return;
+  }
+#  endif
   Bits hidden = hidden_before(seen, pixel, at_horizon);
 #  ifndef UNMAPPED
   Search search;
@@ -104,10 +115,15 @@ ivec2 own_pixel()
 
 void main()
 {
-  ivec2 pixel = own_pixel();
+  ivec2 pixel = own_pixel() * int(params.size.z);
   if (any(greaterThanEqual(pixel, ivec2(params.size.xy)))) {
     return;
   }
+#ifdef BETWEEN
+  if (all(equal(pixel % int(params.size.w), ivec2(0)))) {
+    return; // of the grid
+  }
+#endif
   uint chosen = texelFetch(choice, pixel, 0).r;
 #ifdef NESTED
   bool reads = chosen > 0u;

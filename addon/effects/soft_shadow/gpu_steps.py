@@ -107,9 +107,12 @@ def _choose_variant(defines: tuple[str, ...], method: str, beside: bool = False)
     return replace(shader, samplers=(*shader.samplers, ("beside", "UINT_2D"))) if beside else shader
 
 
-def _backproject_variant(defines: tuple[str, ...], method: str) -> Shader:
-    """`method`: a Method's value, or "unmapped"."""
-    shader = BACKPROJECT.defining(*defines)
+def _backproject_variant(defines: tuple[str, ...], method: str, between: bool = False) -> Shader:
+    """`method`: a Method's value, or "unmapped"; `between`: points that a grid of others may tell."""
+    shader = BACKPROJECT.defining(*defines, *["BETWEEN"] * between)
+    if between:
+        images = (("visibility", "R32F", "READ_WRITE"), ("uncertain", "R32UI", "READ_WRITE"))
+        shader = replace(shader, images=images)
     of_map = (("texels", "UINT_2D"), ("pyramid", "FLOAT_2D"))
     of_bitmask = (("blocks", "UINT_2D"), ("first_rows", "UINT_2D"))
     if method == "unmapped":
@@ -142,6 +145,7 @@ def variants() -> Iterator[Shader]:
                     yield _choose_variant((*defines, *sharing), method)
                 for method in (Method.AREA.value, Method.BITMASK.value):
                     yield _backproject_variant((*defines, *sharing), method)
+                yield _backproject_variant((*defines, *sharing), Method.BITMASK.value, between=True)
             if is_spot:
                 yield _choose_variant(defines, Method.HYBRID.value, beside=True)
             yield _backproject_variant(defines, "unmapped")
@@ -192,6 +196,7 @@ def backproject(
     method: str,
     max_samples: int,
     refinements: int,
+    spacing: int,
     maps: int,
 ):
     """A dict of the images `visibility` and `uncertain`, as the kernels of this step."""
@@ -220,33 +225,45 @@ def backproject(
         written["hidden_bits"] = device.new_image((shape[0], 2 * shape[1], 4), np.uint32)
     samplers = {name: surface[name] for name in ("position", "geometric_normal", "shading_normal")}
     samplers |= {"choice": choice, "first_rows": _first_rows(device)}
-    for run in ("choose", method):
-        for index, prepared in enumerate(prepared_maps):
-            view = prepared["view"]
-            defines = _light_defines(emitter, view.orthographic) + ("NESTED",) * nested
-            inner = _seen_from(view, views[index - 1]) if nested and index else NOWHERE
-            params = prepared["params"] | _light_params(emitter, view, eye)
-            params |= {"size": size, "settings": (*settings, index), "inner": inner}
-            window = _window_params(view, prepared["params"]["map"])
-            params |= window | {"window_high": (*window["window_high"], maps, leave_uncertain)}
-            bound = samplers | {name: prepared[name] for name in ("texels", "pyramid", "blocks")}
-            if run == "choose":
-                bound |= {"beside": tables[index]} if tables else {}
-                shader = _choose_variant(defines, method, bool(tables))
-                device.dispatch(shader, size, {"choice": choice}, bound, params)
-            else:
-                device.dispatch(_backproject_variant(defines, method), size, written, bound, params)
-    if method != Method.AREA.value:  # without a map the thesis's sum is 1
+    is_area = method == Method.AREA.value
+    runs = [(index, *_of_map(prepared_maps, index, nested, emitter, eye)) for index in range(maps)]
+    for index, defines, bound, params in runs:
+        bound = samplers | bound | ({"beside": tables[index]} if tables else {})
+        params |= {"settings": (*settings, index), "size": size}
+        params |= {"window_high": (*params["window_high"], maps, leave_uncertain)}
+        device.dispatch(
+            _choose_variant(defines, method, bool(tables)), size, {"choice": choice}, bound, params
+        )
+    if not is_area:  # without a map the thesis's sum is 1
         for view in _default_views(emitter):
             shader = _backproject_variant(_light_defines(emitter, view.orthographic), "unmapped")
             params = dict.fromkeys(LIGHT_PARAMS, ()) | _light_params(emitter, view, eye)
-            params |= {"size": size, "settings": (*settings, -1)}
+            params |= {"size": (*size, 1, 1), "settings": (*settings, -1)}
             params |= {"window_high": (0.0, 0.0, maps, leave_uncertain)}
             device.dispatch(shader, size, outputs, samplers, params)
+    # All points; or those of a grid, and then what lies between.
+    strides = ((1, False),) if spacing == 1 or is_area else ((spacing, False), (1, True))
+    for stride, between in strides:
+        for _index, defines, bound, params in runs:
+            shader = _backproject_variant(defines, method, between)
+            points = tuple(-(-side // stride) for side in size)
+            params |= {"size": (*size, stride, spacing)}
+            device.dispatch(shader, points, written, samplers | bound, params)
     for name in written.keys() - outputs.keys():
         device.release(written[name])
     device.release(choice)
     return outputs
+
+
+def _of_map(prepared_maps, index: int, nested: bool, emitter: Emitter, eye):
+    """Of a map: what programs that read it are compiled for, its images, what they are told of it and the light."""
+    prepared = prepared_maps[index]
+    view = prepared["view"]
+    defines = _light_defines(emitter, view.orthographic) + ("NESTED",) * nested
+    inner = _seen_from(view, prepared_maps[index - 1]["view"]) if nested and index else NOWHERE
+    params = prepared["params"] | _light_params(emitter, view, eye) | {"inner": inner}
+    params |= _window_params(view, prepared["params"]["map"])
+    return defines, {name: prepared[name] for name in ("texels", "pyramid", "blocks")}, params
 
 
 def _seen_from(view: View, other: View) -> tuple[float, ...]:

@@ -61,6 +61,12 @@ class SoftShadowParams(Params):
     gradient_cap_m: float = param(
         1e9, hard=(0.0, 1e9), soft=(0.0, 1.0), unit="m", doc="Largest bias that the slope may give"
     )
+    spacing: int = param(
+        1,
+        hard=(1, 4),
+        unit="pixel",
+        doc="Every so many-th pixel each way is evaluated, others where surface or shadow change; 1: all",
+    )
     rays: int = param(
         64,
         hard=(1, 1024),
@@ -71,10 +77,11 @@ class SoftShadowParams(Params):
     )
 
     def lighter(self, share: float) -> SoftShadowParams:
-        """Smaller maps, fewer texels of them a point, and no rays: a hierarchy for those takes longer than a
-        frame to build."""
+        """Smaller maps, fewer texels of them a point, fewer points, and no rays: a hierarchy for those takes
+        longer than a frame to build."""
         return replace(
             self,
+            spacing=max(2, self.spacing),
             resolution=max(128, round(self.resolution * share)),
             max_samples=max(16, round(self.max_samples * share)),
             method=Method.BITMASK if self.method == Method.HYBRID else self.method,

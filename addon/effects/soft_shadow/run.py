@@ -116,6 +116,7 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers,
         method=params.method.value,
         max_samples=params.max_samples,
         refinements=params.refinements,
+        spacing=params.spacing,
         maps=len(maps),
     )
     if params.method == Method.HYBRID:

@@ -17,7 +17,9 @@ def _prepare(device, depth, view, gradient_scale, gradient_cap_m):
     )
 
 
-def _backproject(device, surface, *maps_and_tables, eye, emitter, method, max_samples, refinements, maps):
+def _backproject(
+    device, surface, *maps_and_tables, eye, emitter, method, max_samples, refinements, spacing, maps
+):
     visibility, uncertain = device.kernels.soft_shadow_backproject(
         surface["position"],
         surface["geometric_normal"],
@@ -31,6 +33,7 @@ def _backproject(device, surface, *maps_and_tables, eye, emitter, method, max_sa
         # Rays will replace what the map is unsure of.
         leave_uncertain=method == Method.HYBRID.value,
         beside=list(maps_and_tables[maps:]),
+        spacing=spacing,
         cancel=device.cancel_flag,
     )
     return {"visibility": visibility, "uncertain": uncertain}

@@ -1,5 +1,6 @@
 //! One light over many shading points: what is decided early, what is uncertain.
 
+use super::between::{Grid, thinned};
 use super::choose::{Chosen, Maps};
 use super::doubt::near_contact;
 use super::light::{Light, Seen};
@@ -25,6 +26,8 @@ pub struct Settings {
     pub max_samples: usize,
     /// Points where the map is not to be believed are found, and not evaluated: rays will be.
     pub leave_uncertain: bool,
+    /// Of an image, every so many-th point each way is evaluated, others only where that does not tell them.
+    pub spacing: usize,
 }
 
 /// Shading points as the surface step makes them, row by row.
@@ -50,9 +53,44 @@ pub fn evaluate(
     settings: Settings,
     cancel: &CancelFlag,
 ) -> PyResult<(Vec<f32>, Vec<u8>)> {
+    let is_image = points.width < points.position.len();
+    if settings.spacing == 1 || settings.method != Method::Bitmask || !is_image {
+        return evaluate_with(maps, points, None, settings, cancel);
+    }
+    let thin = |items| thinned(items, points.width, settings.spacing);
+    let (position, geometric, shading) = (
+        thin(points.position),
+        thin(points.geometric_normal),
+        thin(points.shading_normal),
+    );
+    let columns = points.width.div_ceil(settings.spacing);
+    let coarse = Points {
+        position: &position,
+        geometric_normal: &geometric,
+        shading_normal: &shading,
+        width: columns,
+    };
+    let (visibility, uncertain) = evaluate_with(maps, coarse, None, settings, cancel)?;
+    let grid = Grid {
+        spacing: settings.spacing,
+        columns,
+        visibility,
+        uncertain,
+    };
+    evaluate_with(maps, points, Some(&grid), settings, cancel)
+}
+
+fn evaluate_with(
+    maps: &Maps<'_>,
+    points: Points<'_>,
+    grid: Option<&Grid>,
+    settings: Settings,
+    cancel: &CancelFlag,
+) -> PyResult<(Vec<f32>, Vec<u8>)> {
     let scene = Scene {
         maps,
         points,
+        grid,
         settings,
         see_alike: maps.see_alike(),
     };
@@ -122,6 +160,12 @@ impl Chunk<'_> {
     #[inline(always)]
     fn start<V: Vector>(&mut self, vector: V, place: usize, open: &mut [Vec<Open>]) {
         let point = self.start + place;
+        if let Some(grid) = self.scene.grid
+            && let Some(found) = grid.found(&self.scene.points, point)
+        {
+            (self.visibility[place], self.uncertain[place]) = found;
+            return;
+        }
         match self.scene.start(vector, point) {
             Start::Done(share, doubt) => {
                 (self.visibility[place], self.uncertain[place]) = (share, u8::from(doubt));
@@ -180,6 +224,7 @@ enum Start {
 struct Scene<'a> {
     maps: &'a Maps<'a>,
     points: Points<'a>,
+    grid: Option<&'a Grid>,
     settings: Settings,
     see_alike: bool,
 }
@@ -217,6 +262,9 @@ impl Scene<'_> {
         let (lowest, highest) = seen.height_range(seen.geometric_normal);
         if self.doubts(&chosen, lowest, highest) {
             return Start::Done(1.0, true);
+        }
+        if let Some(share) = self.grid.and_then(|grid| grid.between(&self.points, point)) {
+            return Start::Done(share, false);
         }
         let mut hidden = Bits::default();
         if lowest <= 0.0 {

@@ -1,6 +1,7 @@
 //! Layered soft shadow maps: thesis chapter 5, with the bitmask of Schwarz and Stamminger (2007).
 
 mod area;
+mod between;
 mod choose;
 mod doubt;
 mod evaluate;
@@ -84,6 +85,9 @@ type Shares<'py> = (Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<u8>>);
 /// map so coarse that about `max_samples` of its texels cover the light; `refinements` times the search region
 /// shrinks to the nearest depth inside.
 ///
+/// With `spacing` n > 1, of points that are an image (height, width, 3), every n-th of every n-th row is evaluated by the
+/// bitmask, and of the others those that are not between four alike ones on the same smooth surface.
+///
 /// `method`: "bitmask"; "plain", the slow model of it, for tests; "area", the thesis's sum of areas, uniform, without
 /// horizon, nowhere uncertain, to which the last stored depth only ends the layer before it. `beside`, one a map or
 /// none: (rows, columns) u8 over its window, not 0 where casters beside it may hide a part of the light.
@@ -94,7 +98,7 @@ type Shares<'py> = (Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<u8>>);
 /// Raises ValueError on bad shapes or values, and Cancelled.
 #[pyfunction]
 #[pyo3(signature = (position, geometric_normal, shading_normal, eye, emitter, maps, max_samples=512, refinements=1,
-    method="bitmask", leave_uncertain=false, beside=Vec::new(), cancel=None))]
+    method="bitmask", leave_uncertain=false, beside=Vec::new(), spacing=1, cancel=None))]
 fn soft_shadow_backproject<'py>(
     py: Python<'py>,
     position: PyReadonlyArrayDyn<'py, f32>,
@@ -108,6 +112,7 @@ fn soft_shadow_backproject<'py>(
     method: &str,
     leave_uncertain: bool,
     beside: Vec<PyReadonlyArray2<'py, u8>>,
+    spacing: usize,
     cancel: Option<PyRef<'_, CancelFlag>>,
 ) -> PyResult<Shares<'py>> {
     let settings = Settings {
@@ -119,6 +124,7 @@ fn soft_shadow_backproject<'py>(
         },
         max_samples,
         leave_uncertain,
+        spacing,
     };
     let shape = position.shape();
     if shape.last() != Some(&3) {
@@ -133,8 +139,8 @@ fn soft_shadow_backproject<'py>(
     if !(x + y + z).is_finite() {
         return Err(PyValueError::new_err("eye is not finite"));
     }
-    if max_samples == 0 {
-        return Err(PyValueError::new_err("max_samples is at least 1"));
+    if max_samples == 0 || spacing == 0 {
+        return Err(PyValueError::new_err("max_samples and spacing are at least 1"));
     }
     if !(beside.is_empty() || beside.len() == maps.len()) || beside.iter().any(|cells| cells.len() == 0) {
         return Err(PyValueError::new_err(

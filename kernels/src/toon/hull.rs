@@ -20,7 +20,7 @@ const SMOOTH_COSINE: f64 = 0.866_025_403_784_438_6;
 /// A round strip's ring may be narrower than the line by this many pixels, between its directions.
 const FLAT_PIXELS: f64 = 0.05;
 /// The angles between two directions of a strip, radians, that this may lead to: 2 to 30 degrees.
-const STRIP_ANGLES: [f64; 2] = [0.034_906_585_039_886_6, 0.523_598_775_598_298_9];
+const STRIP_ANGLES: [f64; 2] = [std::f64::consts::PI / 90.0, std::f64::consts::FRAC_PI_6];
 
 /// What moves away from the eye appears to move less the farther it is; beyond four times as far it is let be.
 const LEAST_APPROACH: f64 = 0.25;

@@ -9,4 +9,5 @@ settings.max_samples = 128
 settings.refinements = 1
 settings.gradient_scale = 1.0
 settings.gradient_cap_m = 1000000000.0
+settings.spacing = 2
 settings.rays = 64
