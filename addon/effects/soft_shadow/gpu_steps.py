@@ -256,7 +256,7 @@ def backproject(
 
 
 def _of_map(prepared_maps, index: int, nested: bool, emitter: Emitter, eye):
-    """Of a map: what programs that read it are compiled for, its images, what they are told of it and the light."""
+    """What programs that read a map are compiled for, its images, what they are told of it and its light."""
     prepared = prepared_maps[index]
     view = prepared["view"]
     defines = _light_defines(emitter, view.orthographic) + ("NESTED",) * nested
