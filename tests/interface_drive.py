@@ -101,6 +101,8 @@ def watch_a_light(found: dict, photographs: Path, buttons: dict, area):
     yield from person.photograph(photographs, "2 preview")
     bake_beside(photographs / "before.exr")
     yield 0.5
+    yield from switch_effects(photographs, buttons, region)
+    scene.strata.preview.layer = LAYER
 
     light = scene.objects[LIGHT]
     for thing in scene.objects:
@@ -132,6 +134,23 @@ def watch_a_light(found: dict, photographs: Path, buttons: dict, area):
     yield 1.0
 
 
+def switch_effects(photographs: Path, buttons: dict, region):
+    """Fog, then toon over it, by the boxes in their panels, while the preview shows the composite."""
+    settings = bpy.context.scene.strata
+    fog = settings.volumetric_light
+    settings.preview.layer = ""
+    fog.use_scene_medium, fog.light_samples, fog.resolution = False, 1, 256
+    fog.enabled = False
+    yield from converged(region)
+    yield from person.photograph(photographs, "2a composite")
+    for name, effect in (("2b fog", "volumetric_light"), ("2c toon", "toon")):
+        yield from person.click(*buttons[f"strata.{effect}.enabled"])
+        assert getattr(settings, effect).enabled, effect
+        yield from converged(region)
+        yield from person.photograph(photographs, name)
+    settings.toon.enabled, fog.use_scene_medium = False, True
+
+
 def bake_beside(path: Path):
     """The same layers in a file, to compare a photograph with."""
     scene = bpy.context.scene
@@ -157,6 +176,8 @@ def person_at_work(found: dict):
     yield from person.photograph(photographs, "1 panel")
     buttons = yield from person.survey(area, sidebar, 0.6)
     buttons = (yield from person.survey(area, sidebar, 0.3)) | buttons  # the preview's switch is on the left
+    left = person.HEADER_BOX / sidebar.width
+    buttons = (yield from person.survey(area, sidebar, left)) | buttons  # and so are the effects' boxes
     found["buttons"] = sorted(buttons)
 
     # A value, by dragging it.

@@ -12,6 +12,7 @@ import bpy
 
 STEP_PIXELS = 7  # between two looks at what is under the mouse
 LOOK_SECONDS = 0.06
+HEADER_BOX = 44  # pixels from a sidebar's left to the middle of a box in a panel's header
 
 
 def view_3d():

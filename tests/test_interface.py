@@ -54,10 +54,15 @@ def used_by_a_person(backend: str, archive: Path, display: str, folder: Path) ->
 
 def shown_and_baked(photograph: Path, file: Path, frame) -> tuple[np.ndarray, np.ndarray]:
     """(8, 7) means of a shadow over parts of the image: as on the screen, and as baked."""
-    grey = np.asarray(Image.open(photograph).convert("L"), np.float64) / 255.0
+    grey = brightness(photograph)
     left, top, right, bottom = (round(edge) for edge in frame)
     layer = next(layer for layer in read_layers(file).layers if layer.name == LAYER)
     return parts(grey[top:bottom, left:right]), parts(layer.pixels[::-1])
+
+
+def brightness(photograph: Path) -> np.ndarray:
+    """(height, width) 0 to 1, row 0 at the top."""
+    return np.asarray(Image.open(photograph).convert("L"), np.float64) / 255.0
 
 
 def parts(image: np.ndarray) -> np.ndarray:
@@ -85,6 +90,13 @@ def check_a_session(backend, archive, display, tmp_path):
     # The light has moved, and its shadow with it: the comparison can fail.
     assert found["light moved"] > 0.1
     assert np.abs(moved[0] - still[1]).mean() > 2.0 * np.abs(moved[0] - moved[1]).mean()
+    left, top, right, bottom = (round(edge) for edge in found["frame"])
+    plain, fog, toon = (
+        brightness(photographs / f"2{name}.png")[top:bottom, left:right]
+        for name in ("a composite", "b fog", "c toon")
+    )
+    for one, other in ((plain, fog), (fog, toon)):
+        assert np.abs(one - other).mean() > 0.02
     assert found["preview is off"]
     assert found["light undone"] < 1e-5
     assert "%" in found["drawn while baking"]
@@ -101,7 +113,7 @@ def check_a_session(backend, archive, display, tmp_path):
     assert found["is saved"]
     assert found["samples after opening"] == 7
     assert found["is gone"]
-    assert len(list((PHOTOGRAPHS / backend).glob("*.png"))) == 7
+    assert len(list((PHOTOGRAPHS / backend).glob("*.png"))) == 10
 
 
 if "BLENDER" in os.environ:

@@ -109,7 +109,7 @@ def state_of(region: bpy.types.Region) -> Statistics | None:
 
 def draw(context: bpy.types.Context, region: bpy.types.Region | None = None, encodes: bool = False) -> None:
     """Draws the picture of the viewport at hand into the bound framebuffer, making it first where something
-    has changed; `encodes` as in `display.shown_texture`. What keeps it from a picture, such as nothing in
+    has changed; `encodes` as in `display.draw_picture`. What keeps it from a picture, such as nothing in
     view, is in `state_of(region).message`."""
     region = region or context.region
     space, region_3d = context.space_data, context.region_data
@@ -125,13 +125,13 @@ def draw(context: bpy.types.Context, region: bpy.types.Region | None = None, enc
     if picture is None:
         return
     table = _table(context.scene) if picture.is_colour else None
-    style = (picture, table, view_transform.exposure_factor(context.scene), encodes)
+    style = (picture, table, view_transform.exposure_factor(context.scene))
     kept = _state.textures.get(region.as_pointer())
     if kept is None or any(a is not b and a != b for a, b in zip(kept[0], style, strict=True)):
         image = getattr(picture.pixels, "texture", None) or display.picture_texture(picture.pixels)
         shown = display.shown_texture(image, 4 if picture.is_colour else 1, *style[1:])
         kept = _state.textures[region.as_pointer()] = (style, shown)
-    display.draw_picture(kept[1], picture.place, (region.width, region.height))
+    display.draw_picture(kept[1], picture.place, (region.width, region.height), encodes)
 
 
 def register() -> None:

@@ -59,33 +59,38 @@ def table_texture(table: np.ndarray):
     return gpu.types.GPUTexture((SIZE, SIZE, SIZE), format="RGBA16F", data=data)
 
 
-def shown_texture(image, channels: int, table=None, exposure_factor: float = 1.0, encodes: bool = False):
+def shown_texture(image, channels: int, table=None, exposure_factor: float = 1.0):
     """What a texture `image` of `channels` numbers looks like, as a texture of the same size: made once, as a
     window is redrawn many times, and has up to 64 times the pixels of a coarse picture. `table` is a view
-    transform's texture, None to show numbers as they are; `encodes`: the framebuffer that it will be drawn
-    into turns linear light into sRGB itself, as a viewport's overlays do."""
+    transform's texture, None to show numbers as they are."""
     shader = GREY if channels == 1 else DATA if table is None else COLOUR
     values = np.zeros((len(shader.params), 4), np.float32)
     values[0] = -1.0, -1.0, 1.0, 1.0
     values[1, :3] = LOWEST, STEPS, SIZE
-    values[2, :2] = exposure_factor, encodes
+    values[2, 0] = exposure_factor
     shown = gpu.types.GPUTexture((image.width, image.height), format="RGBA16F")
     # Not kept: a framebuffer belongs to one window's context.
     with gpu.types.GPUFrameBuffer(color_slots=shown).bind():
-        _draw(shader, values, "NONE", image=image, **({"table": table} if shader is COLOUR else {}))
+        _draw(shader, values, "NONE", True, image=image, **({"table": table} if shader is COLOUR else {}))
     return shown
 
 
-def draw_picture(shown, place: tuple[float, float, float, float], size: tuple[int, int]) -> None:
+def draw_picture(
+    shown, place: tuple[float, float, float, float], size: tuple[int, int], encodes: bool = False
+) -> None:
     """Draws a `shown_texture` into the bound framebuffer. `place` is left, bottom, right, top in pixels of a
-    viewport of `size` pixels. Blends by alpha, premultiplied; all state is put back."""
+    viewport of `size` pixels; `encodes`: the framebuffer turns linear light into sRGB itself, as a viewport's
+    overlays do. Blends by alpha, premultiplied; all state is put back."""
     values = np.zeros((len(SHOWN.params), 4), np.float32)
     values[0] = [2.0 * edge / size[i % 2] - 1.0 for i, edge in enumerate(place)]
-    _draw(SHOWN, values, "ALPHA_PREMULT", image=shown)
+    values[2, 1] = encodes
+    # A camera's frame begins anywhere within a pixel; a picture of a pixel for each of its own stays sharp.
+    coarse = abs(place[2] - place[0] - shown.width) >= 1.0 or abs(place[3] - place[1] - shown.height) >= 1.0
+    _draw(SHOWN, values, "ALPHA_PREMULT", coarse, image=shown)
 
 
-def _draw(shader: Shader, values: np.ndarray, blend: str, **textures) -> None:
-    """Two triangles; `values` are the shader's parameters."""
+def _draw(shader: Shader, values: np.ndarray, blend: str, interpolates: bool, **textures) -> None:
+    """Two triangles; `values` are the shader's parameters; `interpolates` between texels."""
     if shader not in _programs:
         _programs[shader] = compiled(shader)
     if not _quad:
@@ -104,7 +109,7 @@ def _draw(shader: Shader, values: np.ndarray, blend: str, **textures) -> None:
         block = gpu.types.GPUUniformBuf(values)
         program.uniform_block("params", block)
         for name, texture in textures.items():
-            texture.filter_mode(True)
+            texture.filter_mode(interpolates)
             texture.extend_mode("EXTEND")
             program.uniform_sampler(name, texture)
         batch.draw(program)
