@@ -1,6 +1,6 @@
 """Measures how right Strata is and rewrites the figures in docs/accuracy.md, a block for each section.
 
-python scripts/accuracy.py              everything (about half an hour on two cores: Cycles, converged)
+python scripts/accuracy.py              everything (about half an hour on two cores: most of it is Cycles)
 python scripts/accuracy.py plates       these sections only
 python scripts/accuracy.py --quick      tiny settings, printed and not written: whether it still runs
 """
@@ -24,7 +24,7 @@ METHODS = ("bitmask", "hybrid", "area")
 
 def courtyard(quick: bool) -> str:
     """Every light of the courtyard against Cycles: with default settings, and with those of `make demo`."""
-    samples, size = (16, (160, 90)) if quick else (256, (480, 270))
+    samples, size = (16, (160, 90)) if quick else (128, (480, 270))
     rows = []
     settings = {"default (bitmask)": {}, "as `make demo` (hybrid)": demo.SETTINGS}
     for name, found in against_cycles.compare_all(open_sample("courtyard"), samples, size, settings):
@@ -65,7 +65,7 @@ def closed_forms(quick: bool) -> str:
 
 def fringes(quick: bool) -> str:
     """Layer times unshadowed render against the shadowed render."""
-    size, samples, cycles_samples = ((160, 90), (1, 8), 16) if quick else ((480, 270), (1, 4, 8, 16, 32), 256)
+    size, samples, cycles_samples = ((160, 90), (1, 8), 16) if quick else ((480, 270), (1, 4, 8, 16, 32), 128)
     rows = []
     for scene, light in (("stacked", "Panel"), ("courtyard", "Sun")):
         for found in fringe.measure(open_sample(scene), light, size, samples, cycles_samples):
