@@ -46,6 +46,7 @@ def expected(mesh) -> dict[str, np.ndarray]:
     found = {**surface, "depths": depths}
     prepared = PREPARE.cpu(cpu, depths, LIGHT, 1.0, 1e9)
     settings = {"eye": CAMERA.eye, "emitter": EMITTER, "maps": 1, "max_samples": 512, "refinements": 2}
+    settings["spacing"] = 1
     for method in ("bitmask", "area"):
         found[method] = BACKPROJECT.cpu(cpu, surface, prepared, method=method, **settings)["visibility"]
     return found
