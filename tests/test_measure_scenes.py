@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -42,16 +43,16 @@ class Shot:
     def layer(self) -> PlannedLayer:
         return self.graph.layers[0]
 
-    def add(self, chunk, surface, layers) -> None:
+    def add(self, chunk, surface, layers) -> Iterator[None]:
         self.surface, self.values = surface, layers[self.layer.name]
+        yield
 
     def measured(self, values=None, probes=PROBES, seed=0) -> LayerError:
         values = self.values if values is None else values
         measurement = Measurement(self.graph, self.outline, probes, seed)
         width, height = self.outline.size
-        measurement.add(
-            Chunk(width, height, 0, height, 0, (0.0, 0.0)), self.surface, {self.layer.name: values}
-        )
+        chunk = Chunk(width, height, 0, height, 0, (0.0, 0.0))
+        finished(measurement.add(chunk, self.surface, {self.layer.name: values}))
         return finished(measurement.measure(self.layer, self.rays, self.casters, values))
 
     def truth(self) -> tuple[np.ndarray, np.ndarray]:
