@@ -7,7 +7,7 @@ import numpy as np
 from ...core.culling import around, boxes_of, casters_of, not_whole_in, receivers_in_view, unlit_reason
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
-from ...core.outline import Instances, Light, Outline, emitter_measure
+from ...core.outline import Light, Outline, emitter_measure
 from ...core.random import hash_bits
 from ...core.recorder import Recorder
 from ..shared import steps as shared
@@ -195,14 +195,17 @@ def _has_size(light: Light) -> bool:
 
 def _report_idle_instances(recorder: Recorder, outline: Outline, seen: np.ndarray) -> None:
     """Objects that are neither seen nor cast into view are never read."""
-    instances = outline.instances
-    needed = instances.subset(seen), recorder.instances
-    names = instances.memo(("idle", *needed), lambda: _others(instances, *needed))
+    needed = outline.instances.subset(seen), recorder.instances
+    names = outline.instances.memo(("idle", *needed), lambda: _others(outline, *needed))
     shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
     if names:
         recorder.left_out(f"objects {shown}", "neither in view nor casting a shadow into it")
 
 
-def _others(instances: Instances, seen: frozenset[int], read: frozenset[int]) -> list[str]:
-    """Names of the instances that are neither."""
-    return sorted({each.name for i, each in enumerate(instances) if i not in seen and i not in read})
+def _others(outline: Outline, seen: frozenset[int], read: frozenset[int]) -> list[str]:
+    """Names of the instances that are neither, those of most triangles first."""
+    triangles: dict[str, int] = {}
+    for index, each in enumerate(outline.instances):
+        if index not in seen and index not in read:
+            triangles[each.name] = max(triangles.get(each.name, 0), outline.meshes[each.mesh].triangles)
+    return sorted(triangles, key=lambda name: (-triangles[name], name))
