@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from strata.addon.bake import Baked, Options, bake
 from strata.addon.core.metrics import maximum, quantile, weighted_bias, weighted_rmse
 
-from . import cycles
+from . import cycles, methods, scenes
+
+RAYS = 256
 
 
 @dataclass(frozen=True)
 class Comparison:
     """One light. `rmse` is weighted by the unshadowed light, Cycles' own noise taken off; `cycles_noise` is
-    the noise of the mean of its two renders; `value` and `ci95` are the bake's own report, None without."""
+    the noise of the mean of its two renders; `rays_rmse` how far Strata's own rays, from every pixel, are
+    from Cycles; `value` and `ci95` are the bake's own report, None without."""
 
     light: str
     rmse: float
     cycles_noise: float
+    rays_rmse: float
     bias: float
     p99: float
     largest: float
@@ -28,8 +33,9 @@ class Comparison:
 
     @property
     def agrees(self) -> bool:
-        """Whether the report's interval holds what Cycles says, Cycles' noise allowed for."""
-        low, high = self.ci95
+        """Whether the report's interval, which is about rays, holds what Cycles says, after what tells rays
+        from Cycles and within Cycles' noise."""
+        low, high = (math.hypot(end, self.rays_rmse) for end in self.ci95)
         return low - self.cycles_noise <= self.rmse <= high + self.cycles_noise
 
 
@@ -51,17 +57,28 @@ class CyclesTruth:
         weight = (0.5 * (first.weight + second.weight))[lit]
         return cls(lamp.name, (first.visibility[lit], second.visibility[lit]), lit, weight)
 
-    def compare(self, baked: Baked) -> Comparison:
+    @property
+    def noise(self) -> float:
+        """Of the mean of the two."""
+        return 0.5 * weighted_rmse(self.halves[0] - self.halves[1], self.weight)
+
+    def errors(self, pixels: np.ndarray) -> np.ndarray:
+        """Of an image (height, width) of the lamp's shadow, where the lamp reaches."""
+        return pixels[self.lit] - 0.5 * (self.halves[0] + self.halves[1])
+
+    def rmse(self, pixels: np.ndarray) -> float:
+        """Weighted, the noise taken off."""
+        return max(weighted_rmse(self.errors(pixels), self.weight) ** 2 - self.noise**2, 0.0) ** 0.5
+
+    def compare(self, baked: Baked, rays_rmse: float) -> Comparison:
         """The lamp's layer, baked at pixel centres."""
         layer = next(layer for layer in baked.layers.layers if layer.light == self.lamp)
-        noise = 0.5 * weighted_rmse(self.halves[0] - self.halves[1], self.weight)
-        errors = layer.pixels[self.lit] - 0.5 * (self.halves[0] + self.halves[1])
-        square = weighted_rmse(errors, self.weight) ** 2 - noise**2
-        found = layer.error
+        errors, found = self.errors(layer.pixels), layer.error
         return Comparison(
             self.lamp,
-            max(square, 0.0) ** 0.5,
-            noise,
+            self.rmse(layer.pixels),
+            self.noise,
+            rays_rmse,
             weighted_bias(errors, self.weight),
             quantile(errors, self.weight, 0.99),
             maximum(errors, self.weight),
@@ -89,5 +106,16 @@ def compare_all(
     found = []
     for lamp in (lamp for lamp in cycles.lamps(scene) if lamp.name in layers):
         truth = CyclesTruth.rendered(scene, lamp, samples, size)
-        found += [(name, truth.compare(baked)) for name, baked in bakes.items()]
+        rays_rmse = truth.rmse(_by_rays(scene, lamp, size))
+        found += [(name, truth.compare(baked, rays_rmse)) for name, baked in bakes.items()]
     return found
+
+
+def _by_rays(scene, lamp, size: tuple[int, int]) -> np.ndarray:
+    """(height, width): the lamp's shadow by Strata's own rays from every pixel's centre."""
+    others = [other for other in cycles.lamps(scene) if other != lamp]
+    with cycles.kept(*((other, "hide_render", True) for other in others)):
+        case = scenes.read(scene, size)
+    surface, _ = methods.surface_of(case)
+    visibility, _ = methods.traced(case, methods.accelerator_of(case), surface, RAYS, seed=1)
+    return visibility.reshape(size[::-1])

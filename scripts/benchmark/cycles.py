@@ -32,7 +32,7 @@ class Render:
 
 
 @contextmanager
-def _kept(*settings) -> Iterator[None]:
+def kept(*settings) -> Iterator[None]:
     """Sets attributes, (owner, name, value) each, and puts the old values back."""
     before = [(owner, name, getattr(owner, name)) for owner, name, _ in settings]
     try:
@@ -158,7 +158,7 @@ def _render(scene, lamp, samples, seed, size, filter_width, threads, more, passe
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "render.exr"
         settings = _settings(scene, view_layer, lamp, samples, seed, size, filter_width, threads, path)
-        with _kept(*settings, *more):
+        with kept(*settings, *more):
             started = time.perf_counter()
             bpy.ops.render.render(write_still=True, scene=scene.name)
             seconds = time.perf_counter() - started
