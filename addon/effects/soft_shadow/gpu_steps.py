@@ -203,7 +203,8 @@ def backproject(
     if max_samples < 1:
         raise ValueError("max_samples is at least 1")
     prepared_maps, tables = maps_and_tables[:maps], maps_and_tables[maps:]
-    if method == Method.AREA.value and any(prepared["params"]["map"][2] < 2 for prepared in prepared_maps):
+    is_area = method == Method.AREA.value
+    if is_area and any(prepared["params"]["map"][2] < 2 for prepared in prepared_maps):
         raise ValueError("area needs maps of at least two layers")
     position = surface["position"]
     shape = position.shape[:2]
@@ -219,21 +220,23 @@ def backproject(
     leave_uncertain = float(method == Method.HYBRID.value)  # rays will replace it
     outputs = {"visibility": visibility, "uncertain": uncertain}
     written = dict(outputs)
-    if method == Method.AREA.value:
+    if is_area:
         del written["uncertain"]
     elif nested:
         written["hidden_bits"] = device.new_image((shape[0], 2 * shape[1], 4), np.uint32)
     samplers = {name: surface[name] for name in ("position", "geometric_normal", "shading_normal")}
     samplers |= {"choice": choice, "first_rows": _first_rows(device)}
-    is_area = method == Method.AREA.value
-    runs = [(index, *_of_map(prepared_maps, index, nested, emitter, eye)) for index in range(maps)]
-    for index, defines, bound, params in runs:
-        bound = samplers | bound | ({"beside": tables[index]} if tables else {})
-        params |= {"settings": (*settings, index), "size": size}
-        params |= {"window_high": (*params["window_high"], maps, leave_uncertain)}
-        device.dispatch(
-            _choose_variant(defines, method, bool(tables)), size, {"choice": choice}, bound, params
+    runs = []
+    for index in range(maps):
+        defines, bound, params = _of_map(prepared_maps, index, nested, emitter, eye)
+        window_high = (*params["window_high"], maps, leave_uncertain)
+        runs.append(
+            (defines, samplers | bound, params | {"settings": (*settings, index), "window_high": window_high})
         )
+    for index, (defines, bound, params) in enumerate(runs):
+        shader = _choose_variant(defines, method, bool(tables))
+        bound = bound | ({"beside": tables[index]} if tables else {})
+        device.dispatch(shader, size, {"choice": choice}, bound, params | {"size": size})
     if not is_area:  # without a map the thesis's sum is 1
         for view in _default_views(emitter):
             shader = _backproject_variant(_light_defines(emitter, view.orthographic), "unmapped")
@@ -244,11 +247,10 @@ def backproject(
     # All points; or those of a grid, and then what lies between.
     strides = ((1, False),) if spacing == 1 or is_area else ((spacing, False), (1, True))
     for stride, between in strides:
-        for _index, defines, bound, params in runs:
+        points = tuple(-(-side // stride) for side in size)
+        for defines, bound, params in runs:
             shader = _backproject_variant(defines, method, between)
-            points = tuple(-(-side // stride) for side in size)
-            params |= {"size": (*size, stride, spacing)}
-            device.dispatch(shader, points, written, samplers | bound, params)
+            device.dispatch(shader, points, written, bound, params | {"size": (*size, stride, spacing)})
     for name in written.keys() - outputs.keys():
         device.release(written[name])
     device.release(choice)
