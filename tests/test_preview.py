@@ -238,16 +238,33 @@ def test_the_picture_is_the_bake_again_after_edits(backend):
     assert np.array_equal(watched.viewport.picture.pixels, expected.composite)
 
 
+def test_rays_are_the_bakes_whatever_the_tiles(backend, monkeypatch):
+    """The bake has one tile here."""
+    monkeypatch.setattr("strata.addon.preview.viewport.TILE_PIXELS", 48 * SIZE[0])
+    watched = two_lights(backend, samples=2)
+    watched.options = replace(
+        watched.options, values={"soft_shadow": {"method": "hybrid", "rays": 4, "resolution": 128}}
+    )
+    watched.draw()
+    watched.settle()
+    expected = bake(watched.scene, watched.view_layer, watched.options, size=SIZE)
+    # A GPU rounds edges differently in another window (.0014 found); other rays would differ by a quarter.
+    allowed = 0.0 if backend == "cpu" else 0.005
+    assert np.abs(watched.viewport.picture.pixels - expected.composite).max() <= allowed
+
+
 def test_errors_are_estimated_within_a_factor(backend):
     """Against the converged picture itself. Off by less than 3 still tells noise from a picture."""
-    watched = two_lights(backend, samples=8)
+    watched = two_lights(backend, samples=16)
     watched.draw()
     found = []
     while not watched.viewport.statistics.is_converged:
         if watched.viewport.advance(0.0, watched.session.version, BUDGET_MS):
             found.append((watched.viewport.statistics, watched.viewport.picture.pixels[..., :3]))
     final = found[-1][1]
-    assert [statistics.samples for statistics, _ in found] == list(range(1, 9))
+    shown = [statistics.samples for statistics, _ in found]
+    assert shown == sorted(shown)
+    assert {1, 2, 4, 8, 16} <= set(shown)  # others where a sample takes longer than a second
     for statistics, pixels in found[1:-1]:
         true = np.sqrt(((pixels - final) ** 2).mean() / (final**2).mean())
         assert true / 3 < statistics.error < 3 * true, statistics.samples

@@ -13,6 +13,9 @@ from .outline import PixelFilter
 from .surface import Chunk
 
 PIXELS_PER_TILE = 1 << 20  # bounds the memory that a surface takes, whatever the image's size
+# Whole groups of rows as kernels share them among threads, and whole cells of 2, 3 or 4 pixels, so that no
+# result depends on where a tile begins.
+TILE_ROWS = 48
 TABLE_LENGTH = 4096
 
 
@@ -83,7 +86,8 @@ class Sampling:
 
     @property
     def tile_rows(self) -> int:
-        return min(self.height, max(1, (self.tile_pixels or PIXELS_PER_TILE) // self.width))
+        rows = max(1, (self.tile_pixels or PIXELS_PER_TILE) // self.width)
+        return min(self.height, rows - rows % TILE_ROWS if rows > TILE_ROWS else rows)
 
     def chunks(self) -> Iterator[Chunk]:
         """Tile by tile, and within a tile sample by sample; or the other way round (`is_progressive`)."""

@@ -70,16 +70,16 @@ class _Part:
     def write(self, name: str, rows: np.ndarray) -> None:
         """Its rows of a table into `rows` (N, columns) float32, all zero: straight into what is uploaded,
         since each copy takes about as long as the upload."""
+        import strata_kernels  # here, so that programs compile where there are no kernels
+
         mesh = self.mesh
-        # Column by column: numpy takes five times as long for rows of three.
+        # numpy takes five times as long for rows of three.
         if name == "positions":
-            with np.errstate(invalid="ignore", over="ignore"):
-                for axis, centre in enumerate(self.centre.astype(np.float32)):
-                    np.subtract(mesh.positions[:, axis], centre, out=rows[:, axis])
+            centre = self.centre.astype(np.float32)
+            strata_kernels.position_rows(np.ascontiguousarray(mesh.positions), centre.tolist(), rows)
         elif name == "triangles":
-            for corner in range(3):
-                rows[:, corner] = self.vertices[:, corner]
-            rows[:, 3] = np.arange(len(rows), dtype=np.float32) if self.order is None else self.order
+            vertices = np.ascontiguousarray(self.vertices, np.int32)
+            strata_kernels.triangle_rows(vertices, self.order, rows)
         else:
             values = getattr(mesh, name)
             if values is not None:
@@ -196,24 +196,22 @@ def _extent(positions: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _box(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of (N, 3). Many points side by side, since numpy is slow along rows of three."""
-    whole = len(points) // 64 * 64
-    wide, rest = points[:whole].reshape(-1, 3 * 64), points[whole:]
+    """Of (N, 3); NaN where any is not finite."""
+    import strata_kernels
 
-    def extreme(which, initial: float) -> np.ndarray:
-        few = which(wide, axis=0, initial=initial).reshape(-1, 3)
-        return which(np.concatenate([few, rest]), axis=0).astype(np.float64)
-
-    return extreme(np.min, np.inf), extreme(np.max, -np.inf)
+    low, high = strata_kernels.extent(np.ascontiguousarray(points))
+    return np.array(low, np.float64), np.array(high, np.float64)
 
 
 def _triangles_of(mesh: MeshArrays) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Corners (T, 3) and faces (T,) of triangles; None where the faces are triangles throughout."""
     from .cpu import triangulate  # here, so that programs compile where there are no kernels
 
-    flat = mesh.positions.ravel()
+    starts = mesh.face_starts
     # A face with a vertex that is not finite is for the kernels to drop.
-    if np.isfinite(np.dot(flat, flat)) and (np.diff(mesh.face_starts) == 3).all():
+    if np.isfinite(_box(mesh.positions)[0]).all() and np.array_equal(
+        starts, np.arange(0, 3 * len(starts), 3, dtype=starts.dtype)
+    ):
         return None, None
     return triangulate(mesh)
 

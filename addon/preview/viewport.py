@@ -24,6 +24,7 @@ STILL_SECONDS = 0.2
 # Where redraws come slowly, a movement has ended when the next is so many times overdue, at the latest then;
 # a step of the refinement begun between two frames would slow the movement down further.
 BREAK, LONGEST_BREAK_SECONDS = 1.5, 0.8
+LONGEST_SECONDS_BETWEEN = 1.0  # pictures of a refinement
 TILE_PIXELS = 1 << 16  # so that a node does not take much longer than a frame
 _epochs = count(1)
 
@@ -200,6 +201,7 @@ class Viewport:
         )
         executor, epoch, execution = session.executor, next(_epochs), Execution()
         total = squares = None
+        shown = started
         for chunk in sampling.chunks():
             for _share in executor.frame(graph, chunk, epoch, execution):
                 yield
@@ -210,8 +212,12 @@ class Viewport:
                 total, squares = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
             total[chunk.y0 : chunk.y1] += tile
             squares[chunk.y0 : chunk.y1] += tile * tile
-            if chunk.y1 == sampling.height:
-                samples = chunk.sample + 1
+            samples = chunk.sample + 1
+            # Blender's redraws cost as much as a sample: only for what can be seen to differ.
+            is_worth = samples == options.samples or samples & (samples - 1) == 0
+            is_worth = is_worth or time.perf_counter() - shown > LONGEST_SECONDS_BETWEEN
+            if chunk.y1 == sampling.height and is_worth:
+                shown = time.perf_counter()
                 self.picture = Picture(total / np.float32(samples), place, len(layer.channels) > 1)
                 self._count(execution, started)
                 self.statistics.samples, self.statistics.of_samples = samples, options.samples

@@ -4,11 +4,13 @@
 //! works, gives the same bits whatever the number of threads, and polls a [`cancel::CancelFlag`] per tile.
 
 pub mod cancel;
+pub mod composite;
 pub mod emitter;
 pub mod geometry;
 pub mod irradiance;
 pub mod raster;
 pub mod rays;
+pub mod rows;
 pub mod soft_shadow;
 pub mod toon;
 mod topology;
@@ -22,12 +24,14 @@ use pyo3::prelude::*;
 #[pymodule]
 fn strata_kernels(module: &Bound<'_, PyModule>) -> PyResult<()> {
     cancel::register(module)?;
+    composite::register(module)?;
     geometry::register(module)?;
     irradiance::register(module)?;
     raster::register(module)?;
     emitter::register(module)?;
     rays::register(module)?;
     triangulate::register(module)?;
+    rows::register(module)?;
     soft_shadow::register(module)?;
     volumetric_light::register(module)?;
     toon::register(module)?;

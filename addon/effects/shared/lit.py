@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.culling import unlit_reason
-from ...core.effect import Blend, LayerKind, Metric
+from ...core.effect import LayerKind, Metric
 from ...core.graph import Node, Step
 from ...core.outline import Light, Outline, emitter_measure
 from ...core.recorder import Recorder
@@ -59,27 +59,15 @@ def _irradiance(device, surface, eye, emitter, receivers):
 
 
 def _composite(device, albedo, *inputs, joins):
-    total = np.zeros_like(albedo)
-    total[..., 3] = albedo[..., 3]
-    queue = iter(inputs)
+    queue, told = iter(inputs), []
     for kind, *details in joins:
-        image = next(queue)
+        images, share = [next(queue)], np.zeros(3, np.float32)
         if kind == "light":
             radiance, shadows = details
-            for _ in range(shadows):
-                image = image * next(queue)
+            images += [next(queue) for _ in range(shadows)]
             share = np.array(radiance, np.float32) / np.float32(np.pi)
-            total[..., :3] += albedo[..., :3] * (image[..., None] * share)
-            continue
-        colour = image[..., None] if image.ndim == 2 else image[..., :3]
-        if kind == Blend.MULTIPLY.value:
-            total[..., :3] *= colour
-        elif kind == Blend.ADD.value:
-            total[..., :3] += colour
-        else:
-            total[..., :3] = colour + (1.0 - image[..., 3:]) * total[..., :3]
-            total[..., 3] = image[..., 3] + (1.0 - image[..., 3]) * total[..., 3]
-    return total
+        told.append((kind, [np.ascontiguousarray(image) for image in images], share.tolist()))
+    return device.kernels.composite(np.ascontiguousarray(albedo), told)
 
 
 # Base colour or emission of every shading point, RGBA with alpha 1 on a surface.

@@ -51,8 +51,9 @@ def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, see
             np.ascontiguousarray(surface[name].reshape(-1, 3)[chosen])
             for name in ("position", "geometric_normal", "shading_normal")
         ]
-        # Tiles and samples are told apart, the same way on every device.
-        own = int(hash_bits(seed, chunk.y0, chunk.sample))
+        # Pixels and samples are told apart, whatever the tiles and the device.
+        own = int(hash_bits(seed, chunk.sample))
+        numbers = (chunk.y0 * chunk.width + chosen).astype(np.uint32)
         traced, _ = device.kernels.ray_visibility(
             accelerator,
             device.instance_mask(casters),
@@ -61,6 +62,7 @@ def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, see
             *points,
             rays,
             own,
+            numbers,
             cancel=device.cancel_flag,
         )
         visibility.reshape(-1)[chosen] = traced

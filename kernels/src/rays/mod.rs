@@ -86,6 +86,7 @@ struct Request<'a> {
     shading_normals: &'a [[f32; 3]],
     pattern: Pattern,
     seed: u64,
+    numbers: Option<&'a [u32]>,
 }
 
 impl<'a> Request<'a> {
@@ -113,6 +114,7 @@ impl<'a> Request<'a> {
             shading_normals: triples(shading_normal, count, "shading_normal")?,
             pattern: Pattern::new(samples, seed),
             seed,
+            numbers: None,
         })
     }
 
@@ -131,6 +133,7 @@ impl<'a> Request<'a> {
         let range = chunk * CHUNK..chunk * CHUNK + length;
         Points {
             first: range.start,
+            numbers: self.numbers.map(|numbers| &numbers[range.clone()]),
             positions: &self.positions[range.clone()],
             geometric_normals: &self.geometric_normals[range.clone()],
             shading_normals: &self.shading_normals[range],
@@ -143,9 +146,11 @@ impl<'a> Request<'a> {
 ///
 /// `casters` (instances,) u8 or None; `emitter` (18,) f64 packed; `eye` (3,) f64, the world position that `position`
 /// (N, 3) f32 is relative to; `geometric_normal` and `shading_normal` (N, 3) f32, unit. A position that is not finite
-/// (a miss) gives 1 and 0. The same `seed` gives the same bits; a point's index is part of its hash. Raises Cancelled.
+/// (a miss) gives 1 and 0. The same `seed` gives the same bits; a point's number is part of its hash: of `numbers` (N,)
+/// u32, its index if None. Raises Cancelled.
 #[pyfunction]
-#[pyo3(signature = (accel, casters, emitter, eye, position, geometric_normal, shading_normal, samples, seed, cancel=None))]
+#[pyo3(signature = (accel, casters, emitter, eye, position, geometric_normal, shading_normal, samples, seed, numbers=None,
+    cancel=None))]
 fn ray_visibility<'py>(
     py: Python<'py>,
     accel: PyRef<'py, Accel>,
@@ -157,9 +162,10 @@ fn ray_visibility<'py>(
     shading_normal: PyReadonlyArray2<'py, f32>,
     samples: usize,
     seed: u64,
+    numbers: Option<PyReadonlyArray1<'py, u32>>,
     cancel: Flag<'py>,
 ) -> PyResult<(Floats<'py>, Floats<'py>)> {
-    let request = Request::new(
+    let mut request = Request::new(
         &accel,
         &casters,
         &emitter,
@@ -170,6 +176,12 @@ fn ray_visibility<'py>(
         samples,
         seed,
     )?;
+    if let Some(numbers) = &numbers {
+        if numbers.len()? != request.positions.len() {
+            return Err(PyValueError::new_err("numbers has one for each position"));
+        }
+        request.numbers = Some(numbers.as_slice()?);
+    }
     let scene = accel.scene.clone();
     let cancel = cancel.map(|c| c.clone());
     let (visibility, weight) = py.detach(|| {

@@ -27,11 +27,20 @@ pub struct Query<'a> {
 /// A run of shading points; positions relative to the query's eye.
 #[derive(Clone, Copy)]
 pub struct Points<'a> {
-    /// Index of the first one: part of the hash.
+    /// Index of the first one, and all their numbers if those are not their indices: part of the hash.
     pub first: usize,
+    pub numbers: Option<&'a [u32]>,
     pub positions: &'a [[f32; 3]],
     pub geometric_normals: &'a [[f32; 3]],
     pub shading_normals: &'a [[f32; 3]],
+}
+
+impl Points<'_> {
+    #[inline(always)]
+    fn number(&self, index: usize) -> u32 {
+        self.numbers
+            .map_or((self.first + index) as u32, |numbers| numbers[index])
+    }
 }
 
 /// Rays of several points on their way into one packet.
@@ -146,7 +155,7 @@ impl Work for Visibility<'_, '_> {
             } else {
                 pattern.count
             };
-            let turn = pattern.turn(hash(query.seed, [(points.first + index) as u32, 0]));
+            let turn = pattern.turn(hash(query.seed, [points.number(index), 0]));
             let (mut sent, mut arrived) = ([0.0; LANES], [0.0; LANES]);
             for batch in 0..pattern.batches() {
                 let [u, v] = pattern.samples(turn, batch);
@@ -245,7 +254,7 @@ impl Work for Screen<'_, '_> {
                 } else {
                     pattern.count
                 };
-                let key = hash(query.seed, [(points.first + index) as u32, 1 + estimate as u32]);
+                let key = hash(query.seed, [points.number(index), 1 + estimate as u32]);
                 let turn = pattern.turn(key);
                 let mut sum = 0.0;
                 for batch in 0..pattern.batches() {

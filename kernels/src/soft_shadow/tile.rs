@@ -248,9 +248,11 @@ impl Candidates {
                     inner,
                     hidden,
                 );
-            }
-            if vector.all_set(hidden) {
-                break;
+                // In full shadow the nearest layer is mostly enough.
+                if vector.all_set(hidden) {
+                    point.hidden = [u32::MAX; 8];
+                    return;
+                }
             }
         }
         vector.store_bits(hidden, &mut point.hidden);
@@ -277,8 +279,17 @@ pub fn band(level: usize, levels: usize) -> (f32, f32) {
 /// Adds up what is left of the light.
 #[inline(always)]
 pub fn resolve<V: Vector>(vector: V, light: &Light, point: &Open) -> f32 {
+    let seen = &point.seen;
     if point.hidden == Bits::default() {
         return 1.0;
     }
-    fast::resolve(vector, light, &point.seen, &point.hidden)
+    // In full shadow, as long as there was anything to hide.
+    let shines = |sample: usize| {
+        let (x, y) = seen.sample(sample);
+        light.weight(seen, x, y) > 0.0
+    };
+    if point.hidden == [u32::MAX; 8] && [128, 96, 160].into_iter().any(shines) {
+        return 0.0;
+    }
+    fast::resolve(vector, light, seen, &point.hidden)
 }

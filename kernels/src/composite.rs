@@ -1,0 +1,164 @@
+//! Layers joined into one picture: the light of lamps on diffuse surfaces, and what effects make of it.
+
+use numpy::{
+    IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use rayon::prelude::*;
+
+/// Pixels that one thread joins at a time: few enough that they stay in its cache from join to join.
+const CHUNK: usize = 2048;
+
+/// Of one image: one number a pixel, or four.
+#[derive(Clone, Copy)]
+enum Image<'a> {
+    Grey(&'a [f32]),
+    Colour(&'a [[f32; 4]]),
+}
+
+impl Image<'_> {
+    /// Red, green and blue.
+    #[inline(always)]
+    fn colour(&self, pixel: usize) -> [f32; 3] {
+        match self {
+            Image::Grey(values) => [values[pixel]; 3],
+            Image::Colour(values) => [values[pixel][0], values[pixel][1], values[pixel][2]],
+        }
+    }
+}
+
+enum Join<'a> {
+    /// Irradiance, the shadows that it is multiplied by, and the light's colour.
+    Light(Vec<&'a [f32]>, [f32; 3]),
+    Multiply(Image<'a>),
+    Add(Image<'a>),
+    Over(&'a [[f32; 4]]),
+}
+
+impl Join<'_> {
+    fn apply(&self, first: usize, albedo: &[[f32; 4]], total: &mut [[f32; 4]]) {
+        match self {
+            Join::Light(images, share) => {
+                let mut shown = [1.0; CHUNK];
+                for image in images {
+                    for (shown, value) in shown.iter_mut().zip(&image[first..]) {
+                        *shown *= value;
+                    }
+                }
+                for ((total, albedo), shown) in total.iter_mut().zip(albedo).zip(&shown) {
+                    for c in 0..3 {
+                        total[c] += albedo[c] * (shown * share[c]);
+                    }
+                }
+            }
+            Join::Multiply(image) => {
+                for (i, total) in total.iter_mut().enumerate() {
+                    let colour = image.colour(first + i);
+                    for c in 0..3 {
+                        total[c] *= colour[c];
+                    }
+                }
+            }
+            Join::Add(image) => {
+                for (i, total) in total.iter_mut().enumerate() {
+                    let colour = image.colour(first + i);
+                    for c in 0..3 {
+                        total[c] += colour[c];
+                    }
+                }
+            }
+            Join::Over(image) => {
+                for (total, over) in total.iter_mut().zip(&image[first..]) {
+                    for c in 0..4 {
+                        total[c] = over[c] + (1.0 - over[3]) * total[c];
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Joins images into (h, w, 4) f32, one after the other; alpha is that of `albedo` (h, w, 4), premultiplied.
+///
+/// Each of `joins` is a kind, its images (h, w) or (h, w, 4), and a colour that only lights have. "light": adds albedo
+/// times the product of its grey images times the colour; "multiply", "add": red, green and blue only; "over": a
+/// premultiplied colour image before what is there. Raises ValueError on other kinds and shapes.
+#[pyfunction]
+fn composite<'py>(
+    py: Python<'py>,
+    albedo: PyReadonlyArray3<'py, f32>,
+    joins: Vec<(String, Vec<PyReadonlyArrayDyn<'py, f32>>, [f32; 3])>,
+) -> PyResult<Bound<'py, PyArray3<f32>>> {
+    let &[height, width, 4] = albedo.shape() else {
+        return Err(PyValueError::new_err("albedo is (h, w, 4)"));
+    };
+    let size = [height, width];
+    let joins = joins
+        .iter()
+        .map(|(kind, images, colour)| join(kind, images, *colour, size))
+        .collect::<PyResult<Vec<Join<'_>>>>()?;
+    let albedo = albedo.as_slice()?.as_chunks::<4>().0;
+    let mut total = vec![0.0f32; 4 * height * width];
+    py.detach(|| {
+        let chunks = total.as_chunks_mut::<4>().0.par_chunks_mut(CHUNK);
+        chunks
+            .zip(albedo.par_chunks(CHUNK))
+            .enumerate()
+            .for_each(|(chunk, (total, albedo))| {
+                for (total, albedo) in total.iter_mut().zip(albedo) {
+                    total[3] = albedo[3];
+                }
+                for join in &joins {
+                    join.apply(chunk * CHUNK, albedo, total);
+                }
+            })
+    });
+    total.into_pyarray(py).reshape([height, width, 4])
+}
+
+fn join<'a>(
+    kind: &str,
+    images: &'a [PyReadonlyArrayDyn<'_, f32>],
+    colour: [f32; 3],
+    size: [usize; 2],
+) -> PyResult<Join<'a>> {
+    let images = images
+        .iter()
+        .map(|array| image(array, size))
+        .collect::<PyResult<Vec<Image<'a>>>>()?;
+    if kind == "light" {
+        let grey = images.iter().map(|image| match image {
+            Image::Grey(values) => Some(*values),
+            Image::Colour(_) => None,
+        });
+        if let Some(grey) = grey.collect::<Option<Vec<&[f32]>>>()
+            && !grey.is_empty()
+        {
+            return Ok(Join::Light(grey, colour));
+        }
+    }
+    match (kind, &images[..]) {
+        ("multiply", &[image]) => Ok(Join::Multiply(image)),
+        ("add", &[image]) => Ok(Join::Add(image)),
+        ("over", &[Image::Colour(values)]) => Ok(Join::Over(values)),
+        _ => Err(PyValueError::new_err(format!(
+            "'{kind}' is no join of such images"
+        ))),
+    }
+}
+
+fn image<'a>(array: &'a PyReadonlyArrayDyn<'_, f32>, [height, width]: [usize; 2]) -> PyResult<Image<'a>> {
+    let values = array.as_slice()?;
+    match *array.shape() {
+        [h, w] if [h, w] == [height, width] => Ok(Image::Grey(values)),
+        [h, w, 4] if [h, w] == [height, width] => Ok(Image::Colour(values.as_chunks::<4>().0)),
+        _ => Err(PyValueError::new_err(
+            "images are (h, w) or (h, w, 4), as albedo is",
+        )),
+    }
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(composite, module)?)
+}
