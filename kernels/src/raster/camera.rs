@@ -1,5 +1,6 @@
 //! Where a view's pixels are, and how an instance gets into the view.
 
+use super::hit::{Pixels, WIDE, Wide3};
 use crate::vector::{Vec3, add, cross, dot, scale, sub};
 use crate::view::View;
 use pyo3::exceptions::PyValueError;
@@ -173,6 +174,22 @@ impl Camera {
         let linear = matrix.map(|r| [r[0], r[1], r[2]]);
         let translation = [matrix[0][3], matrix[1][3], matrix[2][3]];
         Transform::new(linear, sub(translation, self.eye))
+    }
+
+    /// Directions of the rays through pixels, as [`Camera::ray`] has them.
+    #[inline(always)]
+    pub fn directions(&self, pixels: Pixels) -> Wide3 {
+        let [right, up, forward] = self.axes;
+        if self.orthographic {
+            return forward.map(|x| [x; WIDE]);
+        }
+        let y = self.first[1] + pixels.y as f64 * self.step[1];
+        std::array::from_fn(|k| {
+            std::array::from_fn(|l| {
+                let x = self.first[0] + (pixels.x + l) as f64 * self.step[0];
+                (right[k] * x + up[k] * y) + forward[k]
+            })
+        })
     }
 
     pub fn ray(&self, x: usize, y: usize) -> Ray {

@@ -63,11 +63,18 @@ impl<'a> Finder<'a> {
     pub fn cut(&self, depths: &mut Lanes<f32>, id: u32, pixel: [usize; 2]) {
         let hit = self.find(id);
         let cutout = &self.data.cutouts[hit.material() as usize];
-        for (lane, depth) in depths.0.iter_mut().enumerate() {
-            if depth.is_finite() {
-                let at = [pixel[0] + lane % BLOCK_WIDTH, pixel[1] + lane / BLOCK_WIDTH];
-                let weights = hit.weights(self.camera, at);
-                if !cutout.is_opaque(hit.uv(weights)) {
+        for (row, depths) in depths.0.as_chunks_mut::<WIDE>().0.iter_mut().enumerate() {
+            let pixels = Pixels {
+                x: pixel[0],
+                y: pixel[1] + row,
+                wanted: depths.map(f32::is_finite),
+            };
+            if pixels.wanted == [false; WIDE] {
+                continue;
+            }
+            let [u, v] = hit.uvs(&hit.weights(self.camera, pixels));
+            for (l, depth) in depths.iter_mut().enumerate() {
+                if pixels.wanted[l] && !cutout.is_opaque([u[l] as f32, v[l] as f32]) {
                     *depth = f32::INFINITY;
                 }
             }
@@ -117,29 +124,73 @@ fn meeting(camera: &Camera, corner: Vec3, [a, b]: [Vec3; 2]) -> [Vec3; 3] {
     }
 }
 
+/// Pixels of a row that are worked out at once: as many as an AVX2 register holds in double precision.
+pub const WIDE: usize = BLOCK_WIDTH;
+
+/// One number a pixel, and vectors of them by axis.
+pub type Wide = [f64; WIDE];
+pub type Wide3 = [Wide; 3];
+
+/// Neighbouring pixels, `x` to `x + WIDE - 1` of row `y`; what is `wanted` of them, the others may be anything.
+#[derive(Clone, Copy)]
+pub struct Pixels {
+    pub x: usize,
+    pub y: usize,
+    pub wanted: [bool; WIDE],
+}
+
+#[inline(always)]
+fn wide(of: impl Fn(usize) -> f64) -> Wide {
+    std::array::from_fn(of)
+}
+
+/// The product with a vector that all pixels share.
+#[inline(always)]
+pub fn wide_dot(a: Vec3, b: &Wide3) -> Wide {
+    wide(|l| a[0] * b[0][l] + a[1] * b[1][l] + a[2] * b[2][l])
+}
+
+/// A pixel's vector.
+#[inline(always)]
+fn lane(v: &Wide3, l: usize) -> Vec3 {
+    [v[0][l], v[1][l], v[2][l]]
+}
+
 impl Hit<'_> {
     pub fn material(&self) -> u32 {
         let slot = self.mesh.triangle_slots.get(self.triangle).copied().unwrap_or(0);
         self.instance.material(slot)
     }
 
-    /// Weights of the corners where a pixel's ray meets the triangle. A pixel that only snapping put inside
+    /// Weights of the corners where each pixel's ray meets the triangle. A pixel that only snapping put inside
     /// gets the nearest point of the outline: weights never leave the triangle.
     #[inline(always)]
-    pub fn weights(&self, camera: &Camera, pixel: [usize; 2]) -> Vec3 {
-        let at = [1.0, pixel[0] as f64, pixel[1] as f64];
-        let [u, v, all] = self.meeting.map(|row| dot(row, at));
-        let inverse = 1.0 / all;
-        let (u, v) = (u * inverse, v * inverse);
-        let weights = [1.0 - u - v, u, v];
-        if weights.iter().all(|&w| w >= 0.0 && w.is_finite()) {
-            weights
-        } else {
-            self.nearest_on_outline(camera, &camera.ray(pixel[0], pixel[1]))
+    pub fn weights(&self, camera: &Camera, pixels: Pixels) -> Wide3 {
+        let y = pixels.y as f64;
+        let [u, v, all] = self
+            .meeting
+            .map(|row| wide(|l| row[0] + row[1] * (pixels.x + l) as f64 + row[2] * y));
+        let inverse = wide(|l| 1.0 / all[l]);
+        let (u, v) = (wide(|l| u[l] * inverse[l]), wide(|l| v[l] * inverse[l]));
+        let mut weights = [wide(|l| 1.0 - u[l] - v[l]), u, v];
+        // At least 0 and finite: NaN is not, and the three make one, so that none is infinite alone.
+        let inside: [bool; WIDE] = std::array::from_fn(|l| {
+            let [w, u, v] = lane(&weights, l);
+            (w >= 0.0) & (u >= 0.0) & (v >= 0.0) & (u < f64::INFINITY) & (v < f64::INFINITY)
+        });
+        if inside != [true; WIDE] {
+            for l in (0..WIDE).filter(|&l| pixels.wanted[l] && !inside[l]) {
+                let nearest = self.nearest_on_outline(camera, &camera.ray(pixels.x + l, pixels.y));
+                for (weight, nearest) in weights.iter_mut().zip(nearest) {
+                    weight[l] = nearest;
+                }
+            }
         }
+        weights
     }
 
     /// The point of the outline that the ray passes nearest to, as seen from the eye.
+    #[inline(never)]
     fn nearest_on_outline(&self, camera: &Camera, ray: &Ray) -> Vec3 {
         let forward = camera.axes[2];
         let across = |v: Vec3| {
@@ -174,44 +225,63 @@ impl Hit<'_> {
         best.1
     }
 
-    /// Position relative to the eye, world axes.
-    pub fn position(&self, weights: Vec3) -> Vec3 {
+    /// Positions relative to the eye, world axes.
+    #[inline(always)]
+    pub fn positions(&self, weights: &Wide3) -> Wide3 {
         let [_, u, v] = weights;
-        add(
-            self.corners[0],
-            add(scale(self.sides[0], u), scale(self.sides[1], v)),
-        )
+        std::array::from_fn(|k| {
+            wide(|l| self.corners[0][k] + (self.sides[0][k] * u[l] + self.sides[1][k] * v[l]))
+        })
     }
 
-    pub fn uv(&self, weights: Vec3) -> [f32; 2] {
+    #[inline(always)]
+    pub fn uvs(&self, weights: &Wide3) -> [Wide; 2] {
         if self.mesh.corner_uvs.is_empty() {
-            return [0.0; 2];
+            return [[0.0; WIDE]; 2];
         }
         let corners = self.mesh.triangles[self.triangle].map(|c| self.mesh.corner_uvs[c as usize]);
-        std::array::from_fn(|k| (0..3).map(|i| f64::from(corners[i][k]) * weights[i]).sum::<f64>() as f32)
+        std::array::from_fn(|k| wide_dot(corners.map(|corner| f64::from(corner[k])), weights))
     }
 
     /// Unit normals, geometric and shading, in world axes. The geometric one faces the viewer, and the
     /// shading one is turned with it.
-    pub fn normals(&self, ray: &Ray, weights: Vec3) -> [Vec3; 2] {
-        let winding = self
-            .normal
-            .or_else(|| normalised(scale(ray.direction, -1.0)))
-            .unwrap_or([0.0, 0.0, 1.0]);
+    #[inline(always)]
+    pub fn normals(&self, camera: &Camera, pixels: Pixels, weights: &Wide3) -> [Wide3; 2] {
+        let directions = camera.directions(pixels);
+        let winding: Wide3 = self.normal.map_or_else(
+            || {
+                let towards: [Vec3; WIDE] = std::array::from_fn(|l| {
+                    normalised(scale(lane(&directions, l), -1.0)).unwrap_or([0.0, 0.0, 1.0])
+                });
+                std::array::from_fn(|k| wide(|l| towards[l][k]))
+            },
+            |normal| normal.map(|x| [x; WIDE]),
+        );
         // A mirroring matrix turns winding and corner normals alike, so one turn is right for both.
-        let turn = if dot(winding, ray.direction) > 0.0 {
-            -1.0
-        } else {
-            1.0
-        };
-        let geometric = scale(winding, turn);
+        let turn = wide(|l| {
+            let along = dot(lane(&winding, l), lane(&directions, l));
+            if along > 0.0 { -1.0 } else { 1.0 }
+        });
+        let geometric = winding.map(|x| wide(|l| x[l] * turn[l]));
         if self.mesh.corner_normals.is_empty() {
             return [geometric, geometric];
         }
         let corners = self.mesh.triangles[self.triangle].map(|c| self.mesh.corner_normals[c as usize]);
-        let local: Vec3 =
-            std::array::from_fn(|k| (0..3).map(|i| f64::from(corners[i][k]) * weights[i]).sum::<f64>());
-        let shading = normalised(scale(self.to_eye.normal(local), turn)).unwrap_or(geometric);
+        let local: Wide3 =
+            std::array::from_fn(|k| wide_dot(corners.map(|corner| f64::from(corner[k])), weights));
+        let turned = self.to_eye.cofactors.map(|row| {
+            let of = wide_dot(row, &local);
+            wide(|l| of[l] * turn[l])
+        });
+        let length = wide(|l| dot(lane(&turned, l), lane(&turned, l)).sqrt());
+        let inverse = wide(|l| 1.0 / length[l]);
+        let is_vector = length.map(|x| x > 0.0 && x < f64::INFINITY);
+        let shading = std::array::from_fn(|k| {
+            wide(|l| {
+                let unit = turned[k][l] * inverse[l];
+                if is_vector[l] { unit } else { geometric[k][l] }
+            })
+        });
         [geometric, shading]
     }
 }

@@ -11,6 +11,7 @@ mod hit;
 mod layers;
 mod pyramid;
 mod setup;
+mod shade;
 mod simd;
 mod surface;
 mod tile;
@@ -25,7 +26,8 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArra
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
-use surface::Images;
+use shade::Images;
+use std::sync::Arc;
 
 /// Which instances to draw: (instance_count,) bool or uint8.
 fn drawn(mask: &Bound<'_, PyAny>, data: &Data) -> PyResult<Vec<bool>> {
@@ -48,15 +50,52 @@ fn drawn(mask: &Bound<'_, PyAny>, data: &Data) -> PyResult<Vec<bool>> {
     Ok(drawn)
 }
 
-/// The tiles of the rows asked for, of all where none are.
-fn grid_of(width: usize, height: usize, rows: Option<(usize, usize)>) -> PyResult<Grid> {
-    let (y0, y1) = rows.unwrap_or((0, height));
-    if y0 >= y1 || y1 > height {
-        return Err(PyValueError::new_err(format!(
-            "rows {y0} to {y1} are not rows of {height}"
-        )));
+/// What an entry draws, and on which pixels, once its arguments are checked.
+struct Drawing {
+    data: Arc<Data>,
+    drawn: Vec<bool>,
+    camera: Camera,
+    grid: Grid,
+}
+
+impl Drawing {
+    /// The rows asked for, all where none are; `jitter` moves pixel centres.
+    fn new(
+        geometry: PyRef<'_, Geometry>,
+        mask: &Bound<'_, PyAny>,
+        view: &PyReadonlyArray1<'_, f64>,
+        [width, height]: [usize; 2],
+        rows: Option<(usize, usize)>,
+        jitter: (f64, f64),
+    ) -> PyResult<Self> {
+        let data = geometry.data();
+        let drawn = drawn(mask, &data)?;
+        let view = View::from_packed(view.as_slice()?)?;
+        let camera = Camera::new(&view, width, height, [jitter.0, jitter.1])?;
+        let (y0, y1) = rows.unwrap_or((0, height));
+        if y0 >= y1 || y1 > height {
+            return Err(PyValueError::new_err(format!(
+                "rows {y0} to {y1} are not rows of {height}"
+            )));
+        }
+        Ok(Drawing {
+            data,
+            drawn,
+            camera,
+            grid: Grid::new(width, y0, y1),
+        })
     }
-    Ok(Grid::new(width, y0, y1))
+
+    /// Sets up and sorts what is drawn.
+    fn binned<R>(
+        &self,
+        cancel: &CancelFlag,
+        work: impl FnOnce(&Bins, &Finder) -> PyResult<R>,
+    ) -> PyResult<R> {
+        let ids = first_ids(&self.data)?;
+        let bins = bin_triangles(&self.data, &self.drawn, &ids, &self.camera, self.grid, cancel)?;
+        work(&bins, &Finder::new(&self.data, &ids, &self.camera))
+    }
 }
 
 /// The surface that `view` sees, in rows `rows[0]..rows[1]` of a `width` x `height` image; row 0 is the bottom row.
@@ -82,16 +121,8 @@ fn raster_surface<'py>(
     attributes: Vec<String>,
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let data = geometry.data();
-    let drawn = drawn(visible, &data)?;
-    let camera = Camera::new(
-        &View::from_packed(view.as_slice()?)?,
-        width,
-        height,
-        [jitter.0, jitter.1],
-    )?;
-    let grid = grid_of(width, height, rows)?;
-    let h = grid.y1 - grid.y0;
+    let drawing = Drawing::new(geometry, visible, &view, [width, height], rows, jitter)?;
+    let h = drawing.grid.y1 - drawing.grid.y0;
     let count = h * width;
     let mut images = Images::default();
     for name in &attributes {
@@ -113,12 +144,10 @@ fn raster_surface<'py>(
         }
     }
     let cancel = CancelFlag::of(cancel);
-    drop(geometry);
     py.detach(|| {
-        let ids = first_ids(&data)?;
-        let bins = bin_triangles(&data, &drawn, &ids, &camera, grid, &cancel)?;
-        let finder = Finder::new(&data, &ids, &camera);
-        surface::surface(&bins, &finder, &mut images, &cancel)
+        drawing.binned(&cancel, |bins, finder| {
+            surface::surface(bins, finder, &mut images, &cancel)
+        })
     })?;
     let result = PyDict::new(py);
     macro_rules! give {
@@ -158,12 +187,8 @@ fn raster_before<'py>(
     jitter: (f64, f64),
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyArray2<i32>>> {
-    let data = geometry.data();
-    let drawn = drawn(visible, &data)?;
-    let view = View::from_packed(view.as_slice()?)?;
-    let camera = Camera::new(&view, width, height, [jitter.0, jitter.1])?;
-    let grid = grid_of(width, height, rows)?;
-    let h = grid.y1 - grid.y0;
+    let drawing = Drawing::new(geometry, visible, &view, [width, height], rows, jitter)?;
+    let h = drawing.grid.y1 - drawing.grid.y0;
     if depth.shape() != [h, width] {
         return Err(PyValueError::new_err(format!(
             "depth is {:?}, not {:?}",
@@ -173,11 +198,10 @@ fn raster_before<'py>(
     }
     let depths = depth.as_slice()?;
     let cancel = CancelFlag::of(cancel);
-    drop(geometry);
     let objects = py.detach(|| {
-        let ids = first_ids(&data)?;
-        let bins = bin_triangles(&data, &drawn, &ids, &camera, grid, &cancel)?;
-        surface::before(&bins, &Finder::new(&data, &ids, &camera), depths, &cancel)
+        drawing.binned(&cancel, |bins, finder| {
+            surface::before(bins, finder, depths, &cancel)
+        })
     })?;
     PyArray1::from_vec(py, objects).reshape([h, width])
 }
@@ -205,16 +229,12 @@ fn layered_depth<'py>(
             layers::MAX_LAYERS
         )));
     }
-    let data = geometry.data();
-    let drawn = drawn(casters, &data)?;
-    let camera = Camera::new(&View::from_packed(view.as_slice()?)?, width, height, [0.0; 2])?;
+    let drawing = Drawing::new(geometry, casters, &view, [width, height], None, (0.0, 0.0))?;
     let cancel = CancelFlag::of(cancel);
-    drop(geometry);
     let image = py.detach(|| {
-        let ids = first_ids(&data)?;
-        let bins: Bins = bin_triangles(&data, &drawn, &ids, &camera, Grid::new(width, 0, height), &cancel)?;
-        let finder = Finder::new(&data, &ids, &camera);
-        layers::layered_depth(&bins, &finder, layers, height, &cancel)
+        drawing.binned(&cancel, |bins, finder| {
+            layers::layered_depth(bins, finder, layers, height, &cancel)
+        })
     })?;
     Ok(PyArray1::from_vec(py, image)
         .reshape([layers, height, width])?

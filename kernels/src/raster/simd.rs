@@ -42,6 +42,8 @@ pub trait Vector: Copy {
     fn select_int(self, mask: Self::Int, yes: Self::Int, no: Self::Int) -> Self::Int;
     /// The mask as one bit a lane.
     fn bits(self, mask: Self::Int) -> u32;
+    /// The largest of the lanes, none of which may be NaN.
+    fn largest(self, a: Self::Float) -> f32;
 }
 
 /// Any processor.
@@ -110,6 +112,9 @@ impl Vector for Portable {
     }
     fn bits(self, mask: Self::Int) -> u32 {
         (0..LANES).fold(0, |bits, l| bits | u32::from(mask[l] < 0) << l)
+    }
+    fn largest(self, a: Self::Float) -> f32 {
+        a.into_iter().fold(f32::NEG_INFINITY, f32::max)
     }
 }
 
@@ -206,6 +211,15 @@ mod avx2 {
         #[inline(always)]
         fn bits(self, mask: __m256i) -> u32 {
             avx2!(_mm256_movemask_ps(_mm256_castsi256_ps(mask)) as u32)
+        }
+        #[inline(always)]
+        fn largest(self, a: __m256) -> f32 {
+            let halves = avx2!(_mm_max_ps(
+                _mm256_castps256_ps128(a),
+                _mm256_extractf128_ps::<1>(a)
+            ));
+            let pairs = avx2!(_mm_max_ps(halves, _mm_movehl_ps(halves, halves)));
+            avx2!(_mm_cvtss_f32(_mm_max_ss(pairs, _mm_movehdup_ps(pairs))))
         }
     }
 }

@@ -30,6 +30,11 @@ pub fn quarter(x: usize, y: usize) -> (usize, usize) {
 
 /// Keeps what a tile's pixels need of the fragments. Owned by the one task that draws the tile.
 pub trait Sink {
+    /// Whether a block keeps nothing as far away as this, so that its fragments need not be worked out.
+    #[inline(always)]
+    fn hides(&self, _block: usize, _nearest: f32) -> bool {
+        false
+    }
     /// Whether any of a block's depths, infinite where the triangle is not, would be kept.
     fn wants<V: Vector>(&self, v: V, block: usize, depths: V::Float) -> bool;
     /// Keeps what it wants of them.
@@ -208,6 +213,10 @@ fn draw<V: Vector, S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
             columns = crossed(edges, y, columns);
         }
         for column in columns {
+            let block = row as usize * BLOCKS_ACROSS + column as usize;
+            if sink.hides(block, plane.nearest) {
+                continue;
+            }
             let x = column * WIDTH;
             let mut outside = v.splat_int(0);
             for (e, &step) in edges.iter().zip(&steps) {
@@ -224,7 +233,6 @@ fn draw<V: Vector, S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
             }
             depths = v.min(v.max(depths, nearest), farthest);
             depths = v.select(outside, v.splat(f32::INFINITY), depths);
-            let block = row as usize * BLOCKS_ACROSS + column as usize;
             if !sink.wants(v, block, depths) {
                 continue;
             }

@@ -21,6 +21,15 @@ fn corner_area(x: f32, y: f32, r: f32) -> f32 {
 /// Area of the disc within a rectangle: left, right, bottom, top, relative to the disc's centre.
 #[inline(always)]
 fn disc_area([x0, x1, y0, y1]: [f32; 4], r: f32) -> f32 {
+    // Most rectangles lie on one side of the circle: by their nearest and their farthest point.
+    let (near_x, near_y) = (x0.max(-x1).max(0.0), y0.max(-y1).max(0.0));
+    if near_x * near_x + near_y * near_y >= r * r {
+        return 0.0;
+    }
+    let (far_x, far_y) = (x1.max(-x0), y1.max(-y0));
+    if far_x * far_x + far_y * far_y <= r * r {
+        return (x1 - x0) * (y1 - y0);
+    }
     corner_area(x1, y1, r) - corner_area(x0, y1, r) - corner_area(x1, y0, r) + corner_area(x0, y0, r)
 }
 

@@ -1,6 +1,6 @@
 //! Lines within the silhouette: where object, material or normal changes from pixel to pixel.
 
-use super::{dot, fill, pixels};
+use super::{dot, fill_pixels, pixels};
 use crate::cancel::CancelFlag;
 use numpy::{
     IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
@@ -72,23 +72,21 @@ pub fn toon_edges<'py>(
     let cancel = CancelFlag::of(cancel);
     let mut result = vec![0u8; (y1 - y0) * size[1]];
     py.detach(|| {
-        fill(&mut result, &cancel, |first, piece| {
-            for (offset, value) in piece.iter_mut().enumerate() {
-                let (x, y) = ((first + offset) % size[1], (first + offset) / size[1] + y0);
-                let pixel = y * size[1] + x;
-                if marks[pixel] < 0 {
-                    continue;
-                }
-                *value = u8::from(offsets.iter().any(|[dx, dy]| {
-                    let (column, row) = (x as i32 + dx, y as i32 + dy);
-                    let inside = (0..size[1] as i32).contains(&column) && (0..size[0] as i32).contains(&row);
-                    inside && {
-                        let other = row as usize * size[1] + column as usize;
-                        // The silhouette against nothing is the hull's.
-                        marks[other] >= 0 && differ(pixel, other)
-                    }
-                }));
+        fill_pixels(&mut result, size[1], &cancel, |x, row, _, value| {
+            let y = row + y0;
+            let pixel = y * size[1] + x;
+            if marks[pixel] < 0 {
+                return;
             }
+            *value = u8::from(offsets.iter().any(|[dx, dy]| {
+                let (column, row) = (x as i32 + dx, y as i32 + dy);
+                let inside = (0..size[1] as i32).contains(&column) && (0..size[0] as i32).contains(&row);
+                inside && {
+                    let other = row as usize * size[1] + column as usize;
+                    // The silhouette against nothing is the hull's.
+                    marks[other] >= 0 && differ(pixel, other)
+                }
+            }));
         })
     })?;
     result.into_pyarray(py).reshape([y1 - y0, size[1]])

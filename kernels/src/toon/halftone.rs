@@ -1,7 +1,7 @@
 //! Halftone: ink dots that grow with the shade.
 
 use super::dots::coverage;
-use super::{dot, fill, pixels, smooth};
+use super::{dot, fill_pixels, pixels, smooth};
 use crate::cancel::CancelFlag;
 use numpy::{
     IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
@@ -23,6 +23,8 @@ struct Pattern {
     first: [f32; 2],
     /// Cosine and sine of the pattern's turn over the length of a cell (pixels or object units).
     turn: [f32; 2],
+    /// Cells a pixel or object unit.
+    cells: f32,
     scale: f32,
     cutoff: f32,
     /// 1 / (start - end) and end of the fade, metres; a scale of 0 is no fade.
@@ -52,6 +54,7 @@ impl Pattern {
             },
             first: [v[1], v[2]],
             turn: [v[3], v[4]],
+            cells: v[3].hypot(v[4]),
             scale: v[5],
             cutoff: v[6],
             fade_scale: v[7],
@@ -75,8 +78,7 @@ impl Pattern {
             self.first[0] + pixel[0] - anchor[0],
             self.first[1] + pixel[1] - anchor[1],
         ];
-        let half = self.half * self.turn[0].hypot(self.turn[1]);
-        (self.turned(at), [half; 2])
+        (self.turned(at), [self.half * self.cells; 2])
     }
 
     /// The same on the plane of the object that the surface faces most. `rows`: world axes relative to the eye to
@@ -171,34 +173,30 @@ pub fn toon_halftone<'py>(
     let cancel = CancelFlag::of(cancel);
     let mut result = vec![1.0f32; lights.len()];
     py.detach(|| {
-        fill(&mut result, &cancel, |first, piece| {
-            for (offset, value) in piece.iter_mut().enumerate() {
-                let pixel = first + offset;
-                let Ok(of) = usize::try_from(instances[pixel]) else {
-                    continue;
-                };
-                let s = (1.0 - lights[pixel]) * pattern.scale;
-                if s < pattern.cutoff || inked.get(of) != Some(&1) {
-                    continue;
-                }
-                let p = positions.map_or([0.0; 3], |p| p[pixel]);
-                let mut fade = pattern.opacity;
-                if pattern.fade_scale != 0.0 {
-                    fade *= smooth((dot(p, p).sqrt() - pattern.fade_end) * pattern.fade_scale);
-                }
-                let place = [(pixel % size[1]) as f32, (pixel / size[1]) as f32];
-                let (at, half) = match pattern.anchor {
-                    Anchor::Screen => pattern.on_screen(place, [0.0; 2]),
-                    Anchor::Object => pattern.on_screen(place, [anchors[of][0], anchors[of][1]]),
-                    Anchor::Surface => {
-                        let a = &anchors[of];
-                        let rows =
-                            std::array::from_fn(|k| [a[4 * k], a[4 * k + 1], a[4 * k + 2], a[4 * k + 3]]);
-                        pattern.on_surface(p, normals.map_or([0.0; 3], |n| n[pixel]), &rows)
-                    }
-                };
-                *value = 1.0 - fade * coverage(at, half, 0.5 * s);
+        fill_pixels(&mut result, size[1], &cancel, |column, row, pixel, value| {
+            let Ok(of) = usize::try_from(instances[pixel]) else {
+                return;
+            };
+            let s = (1.0 - lights[pixel]) * pattern.scale;
+            if s < pattern.cutoff || inked.get(of) != Some(&1) {
+                return;
             }
+            let p = positions.map_or([0.0; 3], |p| p[pixel]);
+            let mut fade = pattern.opacity;
+            if pattern.fade_scale != 0.0 {
+                fade *= smooth((dot(p, p).sqrt() - pattern.fade_end) * pattern.fade_scale);
+            }
+            let place = [column as f32, row as f32];
+            let (at, half) = match pattern.anchor {
+                Anchor::Screen => pattern.on_screen(place, [0.0; 2]),
+                Anchor::Object => pattern.on_screen(place, [anchors[of][0], anchors[of][1]]),
+                Anchor::Surface => {
+                    let a = &anchors[of];
+                    let rows = std::array::from_fn(|k| [a[4 * k], a[4 * k + 1], a[4 * k + 2], a[4 * k + 3]]);
+                    pattern.on_surface(p, normals.map_or([0.0; 3], |n| n[pixel]), &rows)
+                }
+            };
+            *value = 1.0 - fade * coverage(at, half, 0.5 * s);
         })
     })?;
     result.into_pyarray(py).reshape(size)

@@ -48,6 +48,26 @@ where
         })
 }
 
+/// Fills an image some rows at a time, pixel by pixel: `at(column, row, pixel, value)`.
+fn fill_pixels<T: Send, F>(image: &mut [T], width: usize, cancel: &CancelFlag, at: F) -> PyResult<()>
+where
+    F: Fn(usize, usize, usize, &mut T) + Sync,
+{
+    let rows = CHUNK.div_ceil(width.max(1));
+    image
+        .par_chunks_mut(rows * width.max(1))
+        .enumerate()
+        .try_for_each(|(index, piece)| {
+            cancel.check()?;
+            for (row, values) in (index * rows..).zip(piece.chunks_mut(width)) {
+                for (column, value) in values.iter_mut().enumerate() {
+                    at(column, row, row * width + column, value);
+                }
+            }
+            Ok(())
+        })
+}
+
 #[inline(always)]
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

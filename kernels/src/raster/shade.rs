@@ -1,0 +1,136 @@
+//! What is seen at the pixels of an image, written to the arrays that are asked for.
+
+use super::bins::{Bins, TILE};
+use super::camera::Camera;
+use super::hit::{Hit, Pixels, WIDE, wide_dot};
+use std::ops::Range;
+
+/// Arrays to fill, row-major over the wanted rows; None is not wanted and costs nothing.
+#[derive(Default)]
+pub struct Attributes<T3, T2, T1, I> {
+    pub position: Option<T3>,
+    pub geometric_normal: Option<T3>,
+    pub shading_normal: Option<T3>,
+    pub uv: Option<T2>,
+    pub depth: Option<T1>,
+    pub object_id: Option<I>,
+    pub instance: Option<I>,
+    pub triangle: Option<I>,
+    pub material: Option<I>,
+}
+
+pub type Images = Attributes<Vec<[f32; 3]>, Vec<[f32; 2]>, Vec<f32>, Vec<i32>>;
+pub type Row<'a> = Attributes<&'a mut [[f32; 3]], &'a mut [[f32; 2]], &'a mut [f32], &'a mut [i32]>;
+
+/// One tile's part of every row.
+pub fn split<'a>(images: &'a mut Images, bins: &Bins) -> Vec<Vec<Row<'a>>> {
+    let grid = bins.grid;
+    let mut tiles: Vec<Vec<Row>> = Vec::new();
+    for tile in 0..grid.count() {
+        let (_, rows) = grid.extent(tile);
+        let mut parts = Vec::new();
+        parts.resize_with(rows.len(), Row::default);
+        tiles.push(parts);
+    }
+    macro_rules! deal {
+        ($($field:ident),*) => {$(
+            if let Some(image) = &mut images.$field {
+                for (index, row) in image.chunks_mut(grid.width).enumerate() {
+                    let y = grid.y0 + index;
+                    let tile_row = y / TILE - grid.first_row;
+                    let inside = y - (y / TILE * TILE).max(grid.y0);
+                    for (column, part) in row.chunks_mut(TILE).enumerate() {
+                        tiles[tile_row * grid.columns + column][inside].$field = Some(part);
+                    }
+                }
+            }
+        )*};
+    }
+    deal!(
+        position,
+        geometric_normal,
+        shading_normal,
+        uv,
+        depth,
+        object_id,
+        instance,
+        triangle,
+        material
+    );
+    tiles
+}
+
+/// Writes that nothing is seen in some columns of a tile's row. Images start zeroed: only what differs is written.
+pub fn clear(row: &mut Row, columns: Range<usize>) {
+    if let Some(depth) = &mut row.depth {
+        depth[columns.clone()].fill(f32::INFINITY);
+    }
+    let ids = [
+        &mut row.object_id,
+        &mut row.instance,
+        &mut row.triangle,
+        &mut row.material,
+    ];
+    for ids in ids.into_iter().flatten() {
+        ids[columns.clone()].fill(-1);
+    }
+}
+
+/// Writes what a triangle shows in some columns of a tile's row; `origin` is the pixel of its column 0.
+#[inline(always)]
+pub fn shade(row: &mut Row, columns: Range<usize>, camera: &Camera, origin: [usize; 2], hit: &Hit) {
+    for (ids, id) in [
+        (&mut row.object_id, hit.instance.object_id),
+        (&mut row.instance, hit.instance_index as i32),
+        (&mut row.triangle, hit.triangle as i32),
+        (&mut row.material, hit.material() as i32),
+    ] {
+        if let Some(ids) = ids {
+            ids[columns.clone()].fill(id);
+        }
+    }
+    let normals = row.geometric_normal.is_some() || row.shading_normal.is_some();
+    if row.position.is_none() && row.depth.is_none() && row.uv.is_none() && !normals {
+        return;
+    }
+    for first in columns.clone().step_by(WIDE) {
+        let count = WIDE.min(columns.end - first);
+        let pixels = Pixels {
+            x: origin[0] + first,
+            y: origin[1],
+            wanted: std::array::from_fn(|l| l < count),
+        };
+        let part = first..first + count;
+        let weights = hit.weights(camera, pixels);
+        if row.position.is_some() || row.depth.is_some() {
+            let positions = hit.positions(&weights);
+            if let Some(image) = &mut row.position {
+                put(&mut image[part.clone()], &positions);
+            }
+            if let Some(image) = &mut row.depth {
+                let depths = wide_dot(camera.axes[2], &positions).map(|x| x as f32);
+                image[part.clone()].copy_from_slice(&depths[..count]);
+            }
+        }
+        if let Some(image) = &mut row.uv {
+            put(&mut image[part.clone()], &hit.uvs(&weights));
+        }
+        if normals {
+            let [geometric, shading] = hit.normals(camera, pixels, &weights);
+            if let Some(image) = &mut row.geometric_normal {
+                put(&mut image[part.clone()], &geometric);
+            }
+            if let Some(image) = &mut row.shading_normal {
+                put(&mut image[part], &shading);
+            }
+        }
+    }
+}
+
+/// Writes the first of some vectors.
+#[inline(always)]
+fn put<const N: usize>(image: &mut [[f32; N]], vectors: &[[f64; WIDE]; N]) {
+    for (l, pixel) in image.iter_mut().enumerate() {
+        *pixel = std::array::from_fn(|k| vectors[k][l] as f32);
+    }
+}
