@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from gpu_scenes import gpu_device, on_both, rotation, scene_of, share_beyond, sheets_over_ground
 from strata.addon.core.arrays import Cutout
+from strata.addon.core.outline import PixelFilter
 from strata.addon.core.ramp import Ramp
 from strata.addon.core.surface import ATTRIBUTES, Chunk
 from strata.addon.core.view import View
@@ -128,7 +129,7 @@ def test_halftone(stage, anchor, size):
     cpu, gpu = stage.both(
         steps.HALFTONE, stage.surface, stage.light, anchors=anchors, inked=b"\1\1\1\0\1\1\1",
         chunk=stage.chunk, anchor=anchor, origin=(3, 5), turn=(0.8 / cell, 0.6 / cell), dot=(size, 0.1, 0.9),
-        fade=(-0.2, 9.0), view=CAMERA, filter_width=1.2,
+        fade=(-0.2, 9.0), view=CAMERA, pixel_filter=PixelFilter("BOX", 0.6),
     )  # fmt: skip
     assert 0.3 < cpu.mean() < 0.99
     # An area of differences of areas, divided by a footprint of some hundredths of a cell.

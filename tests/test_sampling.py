@@ -27,7 +27,7 @@ def test_jitters_have_the_filters_moments(pixel_filter):
     assert np.abs(offsets).max() <= pixel_filter.radius
 
 
-@pytest.mark.parametrize("samples", [2, 3, 5, 8, 16, 31])
+@pytest.mark.parametrize("samples", [2, 3, 5, 8, 16, 31, 100])
 def test_jitters_are_centred_for_any_count(samples):
     offsets = jitters(PixelFilter("BOX", 0.5), samples)
     assert len({tuple(o) for o in offsets}) == samples
@@ -35,6 +35,25 @@ def test_jitters_are_centred_for_any_count(samples):
     for axis in (0, 1):  # a rook pattern: every row and column of strata holds one
         strata = np.floor((offsets[:, axis] + 0.5) * samples)
         assert sorted(strata) == list(range(samples))
+
+
+@pytest.mark.parametrize(("samples", "most"), [(4, 0.15), (8, 0.03), (16, 0.0005)])
+def test_edges_of_every_slope_are_met_evenly(samples, most):
+    """The share of straight edges, at all places where the filter sees both sides, whose coverage is off by
+    more than 1/8. A Hammersley set gets 22%, 5.8% and 0.13% wrong; free sets of 8, found by chance, 1.75%."""
+    pixel_filter = PixelFilter()
+    offsets = jitters(pixel_filter, samples)
+    x = pixel_filter.radius * ((np.arange(300) + 0.5) / 150.0 - 1.0)
+    weight = np.outer(filter_weight(pixel_filter, x), filter_weight(pixel_filter, x)).ravel()
+    grid = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
+    places, errors = np.linspace(-2.2, 2.2, 600), []
+    for angle in np.pi * np.arange(60) / 60:
+        direction = np.array([np.cos(angle), np.sin(angle)])
+        order = np.argsort(grid @ direction)
+        beside = np.interp(places, (grid @ direction)[order], np.cumsum(weight[order]) / weight.sum())
+        met = np.searchsorted(np.sort(offsets @ direction), places) / samples
+        errors.append(np.abs(met - beside)[(beside > 1 / 128) & (beside < 1 - 1 / 128)])
+    assert (np.concatenate(errors) > 1 / 8).mean() < most
 
 
 @pytest.mark.parametrize("size", [(960, 540), (3840, 2160), (1, 1), (PIXELS_PER_TILE + 1, 2)])

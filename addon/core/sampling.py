@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -17,6 +18,10 @@ PIXELS_PER_TILE = 1 << 20  # bounds the memory that a surface takes, whatever th
 # result depends on where a tile begins.
 TILE_ROWS = 48
 TABLE_LENGTH = 4096
+
+# Of more samples the plain set is as good, and moving them takes long.
+MOST_RELAXED = 64
+DIRECTIONS, GRID, ROUNDS, TURN = 64, 64, 100, 30.0
 
 
 def filter_weight(pixel_filter: PixelFilter, x: np.ndarray) -> np.ndarray:
@@ -33,10 +38,12 @@ def filter_weight(pixel_filter: PixelFilter, x: np.ndarray) -> np.ndarray:
     return np.where(t <= 1.0, weight, 0.0)
 
 
+@cache
 def jitters(pixel_filter: PixelFilter, samples: int) -> np.ndarray:
     """(samples, 2) float64 offsets in pixels whose density is the filter: every sample then weighs the same
-    and no pixel reads its neighbours. A ranked Hammersley set through the inverse of the filter's
-    distribution; one sample is the pixel's centre."""
+    and no pixel reads its neighbours. One sample is the pixel's centre; several lie one in each of as many
+    rows and columns of equal weight, so that upright and level edges are met evenly, and few of them so that
+    edges of other slopes are too. Not to be written to."""
     index = np.arange(samples)
     radical, bit = np.zeros(samples), 0.5
     rest = index.copy()
@@ -44,9 +51,53 @@ def jitters(pixel_filter: PixelFilter, samples: int) -> np.ndarray:
         radical += bit * (rest & 1)
         rest >>= 1
         bit *= 0.5
-    # Ranks of the radical inverses: one point in each row and each column, and centred, for any count.
+    # A ranked Hammersley set, centred for any count.
     rank = np.argsort(np.argsort(radical))
-    return _quantiles(pixel_filter, (np.stack([index, rank], axis=1) + 0.5) / samples)
+    offsets = _quantiles(pixel_filter, (np.stack([index, rank], axis=1) + 0.5) / samples)
+    if 1 < samples <= MOST_RELAXED and pixel_filter.radius > 0.0:
+        offsets = _relaxed(pixel_filter, offsets)
+    offsets.flags.writeable = False
+    return offsets
+
+
+def _relaxed(pixel_filter: PixelFilter, offsets: np.ndarray) -> np.ndarray:
+    """Moves them until their projections on every direction follow the filter's, so that an edge in that
+    direction is met evenly wherever it lies (sliced optimal transport: Paulin et al., 2020), and back into
+    the middles of rows and columns."""
+    samples = len(offsets)
+    angles = np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
+    directions = np.stack([np.cos(angles), np.sin(angles)])
+    grid = _quantiles(pixel_filter, np.stack([(np.arange(GRID) + 0.5) / GRID] * 2, axis=1))
+    filtered = np.stack(np.meshgrid(*grid.T), axis=-1).reshape(-1, 2)
+    middles = ((np.arange(samples) + 0.5) / samples * len(filtered)).astype(int)
+    wanted = np.sort(filtered @ directions, axis=0)[middles]
+    # Turned first, or edges along the set's diagonal would still meet its points two by two.
+    turn = math.radians(TURN)
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    offsets = offsets @ rotation.T
+    for _ in range(ROUNDS):
+        projected = offsets @ directions
+        step = np.empty_like(projected)
+        np.put_along_axis(step, np.argsort(projected, axis=0, kind="stable"), wanted, axis=0)
+        offsets = offsets + (step - projected) @ directions.T / DIRECTIONS
+    ranks = np.argsort(np.argsort(offsets, axis=0), axis=0)
+    return _quantiles(pixel_filter, (ranks + 0.5) / samples)
+
+
+def footprint_side(pixel_filter: PixelFilter, offset: tuple[float, float], samples: int) -> float:
+    """Side, in pixels, of the square that a sample of `jitters` stands for. One alone blurs as much as the
+    filter does (the same variance); several have their share of the filter's weight each, so that those far
+    out, where the filter is thin, stand for more."""
+    if pixel_filter.radius == 0.0:
+        return 0.0
+    x = pixel_filter.radius * ((np.arange(TABLE_LENGTH) + 0.5) / (0.5 * TABLE_LENGTH) - 1.0)
+    weight = filter_weight(pixel_filter, x)
+    alone = math.sqrt(12.0 * float((weight * x * x).sum() / weight.sum()))
+    if samples == 1:
+        return alone
+    total = weight.mean() * 2.0 * pixel_filter.radius
+    density = np.prod(filter_weight(pixel_filter, np.array(offset)) / total)
+    return min(1.0 / math.sqrt(samples * max(float(density), 1e-12)), alone)
 
 
 def footprints(pixel_filter: PixelFilter, pixels: int, samples: int, seed: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from gpu_scenes import scene_of
 from hull_scenes import revolved
 from strata.addon.core.arrays import MeshArrays
 from strata.addon.core.emitter import Emitter, EmitterKind
-from strata.addon.core.outline import Light
+from strata.addon.core.outline import Light, PixelFilter
 from strata.addon.core.surface import Chunk
 from strata.addon.core.view import View
 from strata.addon.devices.cpu import CpuDevice
@@ -123,7 +123,7 @@ def _dots(devices) -> Iterator[Row]:
             "dot": (size, 0.0, 1.0),
             "fade": fade,
             "view": view,
-            "filter_width": 1.0,
+            "pixel_filter": PixelFilter("BOX", 0.5),
         }
         inked = 0.0 if fade[0] and fade[1] < 10.0 else _covered(size)
         errors = {}

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ...core.outline import Outline, PixelFilter
-from ...core.sampling import filter_weight
+from ...core.sampling import footprint_side
 from ...core.surface import Chunk
 from ...core.view import View
 from .params import NO_FADE, Anchor, ToonParams
@@ -26,15 +26,8 @@ def settings(params: ToonParams, outline: Outline) -> dict:
         "dot": (params.halftone_scale, params.halftone_cutoff, params.halftone_opacity),
         "fade": _fade(params.halftone_fade_start_m, params.halftone_fade_end_m),
         "view": outline.view,
-        "filter_width": _filter_width(outline.pixel_filter),
+        "pixel_filter": outline.pixel_filter,
     }
-
-
-def _filter_width(pixel_filter: PixelFilter) -> float:
-    """Side, in pixels, of the box that blurs as much as the render's filter does (the same variance)."""
-    x = pixel_filter.radius * ((np.arange(4096) + 0.5) / 2048.0 - 1.0)
-    weight = filter_weight(pixel_filter, x)
-    return math.sqrt(12.0 * float((weight * x * x).sum() / weight.sum()))
 
 
 def _fade(start: float, end: float) -> tuple[float, float]:
@@ -46,21 +39,21 @@ def _fade(start: float, end: float) -> tuple[float, float]:
 
 
 def packed_pattern(
-    chunk: Chunk, anchor, origin, turn, dot, fade, view: View, filter_width: float
+    chunk: Chunk, anchor, origin, turn, dot, fade, view: View, pixel_filter: PixelFilter
 ) -> list[float]:
     """21 numbers: anchor, frame position of the tile's first pixel (2), turn (2), scale, cutoff, fade (2),
     opacity, half a footprint in pixels, steps of a pixel to the right and up in window units along world
     axes (6), forward (3), orthographic. kernels/src/toon/halftone.rs and halftone.glsl read them.
 
     One sample alone is filtered as much as the render filters. Several are spread as that filter is, so
-    that each need only bridge the gaps between them.
+    that each need only bridge the gap around it.
     """
     left, right, bottom, top = view.window
     step = (right - left) / chunk.width, (top - bottom) / chunk.height
     first = origin[0] + 0.5 + chunk.jitter[0], origin[1] + chunk.y0 + 0.5 + chunk.jitter[1]
     across = (*(np.array(view.right) * step[0]), *(np.array(view.up) * step[1]))
     scale, cutoff, opacity = dot
-    half = 0.5 * filter_width / math.sqrt(chunk.samples)
+    half = 0.5 * footprint_side(pixel_filter, chunk.jitter, chunk.samples)
     numbers = [ANCHOR_NUMBERS[anchor], *first, *turn, scale, cutoff, *fade, opacity, half]
     return [float(x) for x in (*numbers, *across, *view.forward, view.orthographic)]
 
