@@ -72,6 +72,18 @@ def window_text(found: dict, eevee: dict | None) -> str:
                 significant(still[-1][0]) if still else "",
             ]
         )
+    others = [
+        [
+            f"`{name}`, {each['light']}",
+            ", ".join(effect.replace("_", " ") for effect in each["effects"]),
+            significant(each["rate"]),
+            f"1/{round(1 / each['scale'])}",
+            significant(each["frame_ms"], 3),
+            significant(each["still"][0][0]),
+            significant(each["still"][-1][0]),
+        ]
+        for name, each in found["others"].items()
+    ]
     ratios = [frame / steps for frame, steps, _ran in found["slider"]]
     lines = [
         f"{found['size'][0]}x{found['size'][1]} pixels without overlays and gizmos. In Solid shading Blender "
@@ -92,6 +104,21 @@ def window_text(found: dict, eevee: dict | None) -> str:
                 "all samples, s",
             ],
             rows,
+        ),
+        "",
+        "Other effects, in Strata's rendered viewport:",
+        "",
+        table(
+            [
+                "scene, dragged light",
+                "effects",
+                "frames a second",
+                "scale",
+                "frame, ms",
+                "first full picture, s",
+                "all samples, s",
+            ],
+            others,
         ),
         "",
         f"A slider's change costs {times(statistics.median(ratios))} the time of the steps that it feeds.",

@@ -10,10 +10,11 @@ use rayon::prelude::*;
 /// Pixels that one thread joins at a time: few enough that they stay in its cache from join to join.
 const CHUNK: usize = 2048;
 
-/// Of one image: one number a pixel, or four.
+/// One image, by its channels: V, RGB, RGBA.
 #[derive(Clone, Copy)]
 enum Image<'a> {
     Grey(&'a [f32]),
+    Light(&'a [[f32; 3]]),
     Colour(&'a [[f32; 4]]),
 }
 
@@ -23,6 +24,7 @@ impl Image<'_> {
     fn colour(&self, pixel: usize) -> [f32; 3] {
         match self {
             Image::Grey(values) => [values[pixel]; 3],
+            Image::Light(values) => values[pixel],
             Image::Colour(values) => [values[pixel][0], values[pixel][1], values[pixel][2]],
         }
     }
@@ -81,7 +83,7 @@ impl Join<'_> {
 
 /// Joins images into (h, w, 4) f32, one after the other; alpha is that of `albedo` (h, w, 4), premultiplied.
 ///
-/// Each of `joins` is a kind, its images (h, w) or (h, w, 4), and a colour that only lights have. "light": adds albedo
+/// Each of `joins` is a kind, its images (h, w), (h, w, 3) or (h, w, 4), and a colour that only lights have. "light": adds albedo
 /// times the product of its grey images times the colour; "multiply", "add": red, green and blue only; "over": a
 /// premultiplied colour image before what is there. Raises ValueError on other kinds and shapes.
 #[pyfunction]
@@ -130,7 +132,7 @@ fn join<'a>(
     if kind == "light" {
         let grey = images.iter().map(|image| match image {
             Image::Grey(values) => Some(*values),
-            Image::Colour(_) => None,
+            _ => None,
         });
         if let Some(grey) = grey.collect::<Option<Vec<&[f32]>>>()
             && !grey.is_empty()

@@ -14,11 +14,18 @@ import bpy
 
 SOURCE, SCENE, RESULT, *MORE = sys.argv[sys.argv.index("--") + 1 :]
 FRAMES = 24
-LIGHTS = {
+MOVES = {
     "Sun": ("rotation_euler", 0.004),
     "Sky panel": ("location", 0.01),
     "Wall lantern light": ("location", 0.01),
     "Lantern light": ("location", 0.01),
+    "Lantern": ("location", 0.01),
+    "Key": ("rotation_euler", 0.004),
+}
+LIGHTS = tuple(MOVES)[:4]  # of the courtyard
+OTHERS = {
+    "mist": (("soft_shadow", "volumetric_light"), "Lantern"),
+    "comic": (("soft_shadow", "toon"), "Key"),
 }
 DRAWN = []
 
@@ -47,7 +54,7 @@ def rate():
 
 def drag(name, frames):
     """A light moved once before every redraw."""
-    thing, (channel, step) = bpy.data.objects[name], LIGHTS[name]
+    thing, (channel, step) = bpy.data.objects[name], MOVES[name]
     DRAWN.clear()
     while len(DRAWN) < frames:
         before = len(DRAWN)
@@ -70,8 +77,9 @@ def settled(preview, region):
     return shown
 
 
-def person(found):
-    bpy.ops.wm.open_mainfile(filepath=SCENE)
+def opened(path):
+    """The file in one viewport that fills the window, through its camera, without overlays."""
+    bpy.ops.wm.open_mainfile(filepath=path)
     yield 1.0
     area, _region = viewport()
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[0], area=area):
@@ -83,6 +91,12 @@ def person(found):
     space.show_region_toolbar = False
     space.region_3d.view_perspective = "PERSP"
     space.region_3d.view_matrix = bpy.context.scene.camera.matrix_world.inverted()
+    yield 1.0
+    return region, space
+
+
+def person(found):
+    region, space = yield from opened(SCENE)
     bpy.types.SpaceView3D.draw_handler_add(
         lambda: DRAWN.append(time.perf_counter()), (), "WINDOW", "POST_PIXEL"
     )
@@ -148,6 +162,26 @@ def person(found):
         yield from settled(preview, region)
         yield 3.0
     found["slider"] = sliders
+    found["others"] = {}
+    for name, (effects, thing) in OTHERS.items():
+        region, space = yield from opened(str(Path(SCENE).with_name(f"{name}.blend")))
+        scene = bpy.context.scene
+        for effect in ("soft_shadow", "volumetric_light", "toon"):
+            getattr(scene.strata, effect).enabled = effect in effects
+        scene.render.engine, space.shading.type = "STRATA", "RENDERED"
+        yield 1.0
+        yield from settled(preview, region)
+        yield 4.0
+        yield from drag(thing, FRAMES)
+        state = preview.state_of(region)
+        found["others"][name] = {
+            "light": thing,
+            "effects": effects,
+            "rate": rate(),
+            "frame_ms": state.frame_ms,
+            "scale": state.scale,
+            "still": (yield from settled(preview, region)),
+        }
 
 
 def eevee(found, space, region):
