@@ -311,15 +311,20 @@ class Executor:
             started = time.perf_counter()
             device = self._home(layer.node)
             tile = layers[layer.name] = device.to_host(self.value(layer.node, device))
-            shape = (sampling.height, *tile.shape[1:])
             rows = slice(chunk.y0, chunk.y1)
-            image = self.execution.images.setdefault(layer.name, np.zeros(shape, np.float32))
+            images, spread = self.execution.images, self.execution.spread
+            if layer.name not in images:
+                shape = (sampling.height, *tile.shape[1:])
+                images[layer.name] = (
+                    np.zeros(shape, np.float32) if sampling.samples > 1 else np.empty(shape, np.float32)
+                )
+                if sampling.samples > 1:
+                    spread[layer.name] = np.zeros(shape, np.float32)
             if sampling.samples == 1:
-                image[rows] = tile
+                images[layer.name][rows] = tile
             else:
-                spread = self.execution.spread.setdefault(layer.name, np.zeros(shape, np.float32))
-                image[rows] += tile
-                spread[rows] += tile * tile
+                images[layer.name][rows] += tile
+                spread[layer.name][rows] += tile * tile
             self.execution.add_time(layer.node, device.name, time.perf_counter() - started, runs=0)
             yield
         if collector is not None and chunk.sample == 0:

@@ -13,7 +13,7 @@ import numpy as np
 from .outline import PixelFilter
 from .surface import Chunk
 
-PIXELS_PER_TILE = 1 << 20  # bounds the memory that a surface takes, whatever the image's size
+PIXELS_PER_TILE = 9 << 17  # bounds the memory that a surface takes; so many that an HD image has two tiles
 # Whole groups of rows as kernels share them among threads, and whole cells of 2, 3 or 4 pixels, so that no
 # result depends on where a tile begins.
 TILE_ROWS = 48

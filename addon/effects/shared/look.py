@@ -61,27 +61,27 @@ def look(device, geometry, outline: Outline, visible: frozenset[int]) -> Generat
 def _boxes(surface: dict[str, np.ndarray], outline: Outline, width: int) -> np.ndarray:
     """(N, 2, 3) float64 around the points of each tile of a strip that has any, low and high corners in world
     space."""
-    depth = _tiles(surface["depth"], np.inf)
-    points = _tiles(surface["position"], np.nan)
-    shown = np.isfinite(depth).any(axis=1)
-    depth, points = depth[shown], points[shown]
-    hit = np.isfinite(depth)
-    low = np.where(hit[..., None], points, np.inf).min(axis=1).astype(np.float64)
-    high = np.where(hit[..., None], points, -np.inf).max(axis=1).astype(np.float64)
+    hit = np.isfinite(surface["depth"])[..., None]
+    low = _by_tile(np.minimum, np.where(hit, surface["position"], np.float32(np.inf)), np.inf)
+    high = _by_tile(np.maximum, np.where(hit, surface["position"], np.float32(-np.inf)), -np.inf)
+    shown = np.isfinite(low[:, 0])
+    low, high = low[shown].astype(np.float64), high[shown].astype(np.float64)
     # What falls between the look's pixels, or a filter's width beside them.
     left, right, _, _ = outline.view.window
-    scale = np.ones(len(depth))
+    scale = np.ones(len(low))
     if not outline.view.orthographic:
-        scale = np.where(hit, depth, 0.0).max(axis=1).astype(np.float64)
+        depth = np.where(hit, surface["depth"][..., None], np.float32(0.0))
+        scale = _by_tile(np.maximum, depth, 0.0)[shown, 0].astype(np.float64)
     margin = MARGIN * (high - low) + (REACH * (right - left) / width * scale)[:, None]
     eye = np.array(outline.view.eye)
     return np.stack([eye + low - margin, eye + high + margin], axis=1)
 
 
-def _tiles(image: np.ndarray, nothing: float) -> np.ndarray:
-    """(tiles, TILE * TILE[, channels]) of an image (h, w[, channels]), filled up at the top and the right."""
+def _by_tile(ufunc: np.ufunc, image: np.ndarray, nothing: float) -> np.ndarray:
+    """(tiles, channels), least or greatest of an image (h, w, channels) in each, which `nothing` does not
+    change. Whole rows come first: numpy is slow at short ones."""
     rows, columns = (-(-side // TILE) for side in image.shape[:2])
-    spare = ((0, rows * TILE - image.shape[0]), (0, columns * TILE - image.shape[1]))
-    image = np.pad(image, (*spare, *((0, 0),) * (image.ndim - 2)), constant_values=nothing)
-    tiles = image.reshape(rows, TILE, columns, TILE, *image.shape[2:]).swapaxes(1, 2)
-    return tiles.reshape(rows * columns, TILE * TILE, *image.shape[2:])
+    spare = ((0, rows * TILE - image.shape[0]), (0, columns * TILE - image.shape[1]), (0, 0))
+    image = np.pad(image, spare, constant_values=nothing).reshape(rows, TILE, -1)
+    across = ufunc.reduce(image, axis=1).reshape(rows * columns, TILE, -1)
+    return ufunc.reduce(across, axis=1)
