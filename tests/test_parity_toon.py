@@ -116,6 +116,14 @@ def test_shade(stage, mix, instances, rim, base):
     assert share_beyond(gpu, cpu, 1e-4) < 1e-3
 
 
+def test_spare(stage):
+    shaded = np.zeros((*stage.light.shape, 4), np.float32)
+    shaded[::3, 1:, 3] = 1.0
+    cpu, gpu = stage.both(steps.SPARE, stage.light, shaded)
+    np.testing.assert_array_equal(cpu, np.where(shaded[..., 3] > 0.0, stage.light, 1.0))
+    np.testing.assert_array_equal(gpu, cpu)
+
+
 @pytest.mark.parametrize("anchor", ["screen", "object", "surface"])
 @pytest.mark.parametrize("size", [0.7, 1.3])
 def test_halftone(stage, anchor, size):

@@ -235,3 +235,35 @@ def test_surfaces_do_not_shadow_themselves(offset, size):
     v, w = kernels.ray_visibility(accel, None, sun.packed(), eye, position, normals, normals, 16, 1)
     assert np.all(w > 0)
     assert np.all(v == 1)
+
+
+@pytest.mark.parametrize("is_distant", [False, True])
+def test_rays_towards_a_place_end_there_and_ask_only_where_it_matters(is_distant):
+    """Points on a floor under a square plate, 1 m up, and another above the lamp."""
+    plates = [quad([[-a, -a, z], [a, -a, z], [a, a, z], [-a, a, z]]) for a, z in ((0.5, 1.0), (0.7, 4.0))]
+    accel = accel_of(np.concatenate(plates))
+    generator = np.random.default_rng(3)
+    position = generator.uniform(-2.0, 2.0, (40, 50, 3)).astype(np.float32)
+    position[..., 2] = 0.0
+    up = np.broadcast_to(UP[0].astype(np.float32), position.shape).copy()
+    place = np.array([0.6, 0.0, 0.8]) if is_distant else np.array([0.3, -0.2, 2.0])
+    towards = np.broadcast_to(place, position.shape) if is_distant else place - position
+    at_plate = position + towards / towards[..., 2:]
+    hidden = (np.abs(at_plate[..., :2]) < 0.5).all(axis=-1)
+    if is_distant:
+        hidden |= (np.abs((position + 4.0 * towards / towards[..., 2:])[..., :2]) < 0.7).all(axis=-1)
+    seen = kernels.rays_towards(accel, None, place, is_distant, position, up, up)
+    np.testing.assert_array_equal(seen, np.where(hidden, 0.0, 1.0))
+    assert 50 < hidden.sum() < 500
+    # No shadow where shading looks away, nothing but shadow where only the geometry does.
+    assert (kernels.rays_towards(accel, None, place, is_distant, position, up, -up) == 1.0).all()
+    assert (kernels.rays_towards(accel, None, place, is_distant, position, -up, up) == 0.0).all()
+    assert (
+        kernels.rays_towards(accel, np.zeros(1, np.uint8), place, is_distant, position, up, up) == 1.0
+    ).all()
+    with pytest.raises(ValueError, match="one size"):
+        kernels.rays_towards(accel, None, place, is_distant, position, up[1:], up)
+    flag = kernels.CancelFlag()
+    flag.set()
+    with pytest.raises(kernels.Cancelled):
+        kernels.rays_towards(accel, None, place, is_distant, position, up, up, cancel=flag)

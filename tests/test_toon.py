@@ -63,7 +63,7 @@ def ball_of(result, side: int) -> tuple[int, int]:
 
 
 def test_there_are_three_layers(stage, backend):
-    layers = layers_of(baked(stage, backend, samples=4))
+    layers = layers_of(baked(stage, backend, samples=4, halftone_scale=1.2))
     assert list(layers) == ["Toon", "Toon Halftone", "Toon Outline"]
     assert layers["Toon"].shape == (SIZE[1], SIZE[0], 4)
     assert layers["Toon Halftone"].shape == SIZE[::-1]
@@ -90,19 +90,62 @@ def test_what_is_switched_off_is_left_out_with_a_reason(stage):
     assert {node.step.name for node in graph.nodes()}.isdisjoint({"toon/hull", "toon/lines"})
 
 
-def test_shadows_are_the_nodes_of_soft_shadow(stage):
-    both = planned(stage, ("soft_shadow", "toon"))
+def test_soft_shadows_are_the_nodes_of_soft_shadow(stage):
+    both = planned(stage, ("soft_shadow", "toon"), shadow_edge="soft")
     shadow = next(layer.node for layer in both.layers if layer.effect == "soft_shadow")
     toon = next(layer.node for layer in both.layers if layer.name == "Toon")
     assert shadow.key in {node.key for node in both.nodes([toon])}
-    assert not any(node.step.name.startswith("soft_shadow") for node in planned(stage, shadows=False).nodes())
+    for values in ({"shadows": False}, {"shadow_edge": "crisp"}):
+        names = {node.step.name for node in planned(stage, **values).nodes()}
+        assert not any(name.startswith("soft_shadow") for name in names)
 
 
-def test_a_cast_shadow_falls_on_the_ground(stage):
+@pytest.mark.parametrize("edge", ["crisp", "soft"])
+def test_a_cast_shadow_falls_on_the_ground(stage, edge):
     plain = layers_of(baked(stage))["Toon"]
-    shadowed = layers_of(baked(stage, shadows=True))["Toon"]
+    shadowed = layers_of(baked(stage, shadows=True, shadow_edge=edge))["Toon"]
     darker = (plain - shadowed)[..., 0] > 0.1
     assert 0.01 < darker.mean() < 0.3
+
+
+@pytest.mark.parametrize("kind", ["SUN", "POINT"])
+def test_crisp_shadows_of_balls_are_where_rays_to_the_lights_middle_meet_them(stage, backend, kind):
+    lamp = bpy.data.objects["Sun"]
+    if kind == "POINT":
+        lamp.data = bpy.data.lights.new("Lamp", "POINT")
+        lamp.data.shadow_soft_size, lamp.location = 0.5, (0.5, -1.0, 5.0)
+    values = {"ramp": "0:#000000,0.01:#ffffff;constant", "mix": "ramp", "shadows": True}
+    read = read_scene(stage, stage.view_layers[0], Options(("toon",), values={"toon": values}), size=SIZE)
+    view, emitter = read[0].view, read[0].lights[0].emitter
+    toon = layers_of(baked(stage, backend, **values))["Toon"]
+    # Pixel centres on the ground, and which of them a ball hides from the lamp.
+    left, right, bottom, top = view.window
+    x = left + (np.arange(SIZE[0]) + 0.5) / SIZE[0] * (right - left)
+    y = bottom + (np.arange(SIZE[1]) + 0.5) / SIZE[1] * (top - bottom)
+    rays = (
+        x[None, :, None] * np.array(view.right)
+        + y[:, None, None] * np.array(view.up)
+        + np.array(view.forward)
+    )
+    ground = rays[..., 2] < -1e-3
+    distance = np.where(ground, -view.eye[2] / np.where(ground, rays[..., 2], 1.0), 0.0)
+    points = np.array(view.eye) + distance[..., None] * rays
+    towards = -np.array(emitter.forward) if kind == "SUN" else np.array(emitter.centre) - points
+    towards = np.broadcast_to(towards / np.linalg.norm(towards, axis=-1, keepdims=True), points.shape)
+    ground &= (np.abs(points[..., :2]) < 12.0).all(axis=-1)
+    nearest = np.full(ground.shape, np.inf)
+    for ball in (np.array([-1.2, 0.0, 1.0]), np.array([1.2, 0.0, 1.0])):
+        to = np.array(view.eye) - ball
+        along = (to * rays).sum(axis=-1)
+        seen = along**2 - (rays**2).sum(axis=-1) * (to @ to - 1.02)
+        ground &= seen < 0.0  # the ball itself
+        off = ball - points
+        beside = np.linalg.norm(off - (off * towards).sum(axis=-1)[..., None] * towards, axis=-1)
+        nearest = np.minimum(nearest, beside)
+    # A ball of 64 x 32 faces lies up to 0.5% within the sphere.
+    clear = ground & (np.abs(nearest - 1.0) > 0.006)
+    assert (nearest[clear] < 1.0).sum() > 150
+    np.testing.assert_array_equal(toon[..., 0][clear] > 0.5, nearest[clear] > 1.0)
 
 
 def test_flat_normals_make_facets(stage):
@@ -144,6 +187,24 @@ def test_an_object_may_be_left_to_the_picture_below(stage):
     graph = planned(stage)
     assert not graph.layers
     assert any("excluded" in entry.reason for entry in graph.left_out)
+
+
+def test_a_material_alone_may_be_left_to_the_picture_below(stage, backend):
+    """One of the two materials of a ball, the other way round for its upper and its lower half."""
+    ball = bpy.data.objects["Left"].data
+    ball.materials.append(bpy.data.materials["Right"])
+    upper = np.array([polygon.center.z > 0.0 for polygon in ball.polygons])
+    ball.polygons.foreach_set("material_index", upper.astype(np.int32))
+    settings = bpy.data.materials["Left"].strata
+    settings.use_own, settings.toon.excluded = True, True
+    bpy.data.objects["Sun"].rotation_euler = (0.5, -1.4, 0.0)
+    layers = layers_of(baked(stage, backend, halftone_scale=2.0))
+    row, column = ball_of(None, -1)
+    above, below = np.s_[row + 4 : row + 10, column - 3 : column + 4], np.s_[row - 16 : row - 10, column]
+    assert (layers["Toon"][above][..., 3] == 1.0).all()
+    assert (layers["Toon"][below][..., 3] == 0.0).all()
+    assert layers["Toon Halftone"][above].min() < 0.5
+    assert (layers["Toon Halftone"][below] == 1.0).all()
 
 
 def test_objects_and_materials_may_have_ramps_of_their_own(stage, backend):
@@ -233,8 +294,8 @@ def test_a_wrong_layer_is_found_out(stage):
 
 def test_edges_are_right_to_an_eighth(stage):
     """Every pixel whose samples are not all the same, against 64 samples: how many are off by over 1/8. Of
-    straight edges in all places and directions the pattern of eight samples gets 5.8% wrong by that, that of
-    sixteen 0.2%."""
+    straight edges in all places and directions the pattern of eight samples gets 2.8% wrong by that (this
+    scene's outline: 2.4% against 256 samples), that of sixteen none; the 64 have errors of their own."""
     for name in ("Left", "Right"):
         bpy.data.objects[name].scale = (1.3, 1.3, 1.3)
     options = Options(("toon",), values={"toon": {"shadows": False}})
@@ -242,6 +303,6 @@ def test_edges_are_right_to_an_eighth(stage):
     found = edge_errors(read, [8, 16])
     for layer in ("Toon", "Toon Halftone", "Toon Outline"):
         assert found[layer, 8].edges > 0.01
-        assert found[layer, 8].wrong <= 0.058, layer
+        assert found[layer, 8].wrong <= 0.04, layer
         assert found[layer, 16].wrong <= 0.005, layer
         assert found[layer, 16].mean < 0.8 * found[layer, 8].mean

@@ -1,5 +1,7 @@
 """Toon shading: light on a ramp, halftone dots and outlines; see README.md in this folder."""
 
+import math
+
 from ...core.effect import Blend, Effect, LayerKind, Metric
 from .gpu_steps import variants
 from .params import ToonObjectParams, ToonParams
@@ -43,6 +45,12 @@ EFFECT = Effect(
     needed=needed,
     shaders=variants,
     run=run,
+    presets={
+        "Default": {},
+        "Clean": {"halftone": False, "object_lines": True, "crease_angle": math.radians(50.0)},
+        "Heavy": {"halftone_scale": 1.05, "halftone_cutoff": 0.4, "outline_width_px": 3.0},
+        "Newsprint": {"halftone_repeat": 150.0, "halftone_scale": 1.0, "halftone_opacity": 0.8},
+    },
     doc="Light in steps of a colour ramp, with halftone dots in the shade and ink around the objects",
     source="Mobile Toon Shading, GPU Zen (2017), III.3, with its soft light corrected",
 )

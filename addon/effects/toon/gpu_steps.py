@@ -48,6 +48,12 @@ HALFTONE = Shader(
     images=(("result", "R32F", "WRITE"),),
     params=("size", "place", "dots", "fade", "right", "up", "forward"),
 )
+SPARE = Shader(
+    f"{FOLDER}/spare.glsl",
+    samplers=(("dots", "FLOAT_2D"), ("shaded", "FLOAT_2D")),
+    images=(("result", "R32F", "WRITE"),),
+    params=("size",),
+)
 OUTLINE = Shader(
     f"{FOLDER}/outline.glsl",
     samplers=(
@@ -115,7 +121,7 @@ def _lines_variant(objects: bool, materials: bool, creases: bool) -> Shader:
 def variants() -> Iterator[Shader]:
     """Every program that these steps may compile."""
     either = (False, True)
-    yield RAMP_POSITION
+    yield from (RAMP_POSITION, SPARE)
     for brightness, first, shadowed, linked in product(either, repeat=4):
         if not (brightness and linked):
             yield _facing_variant(first, brightness, shadowed, linked)
@@ -263,6 +269,14 @@ def halftone(device, surface, light, anchors, inked, chunk: Chunk, **pattern):
     result = device.new_image(shape)
     device.dispatch(_halftone_variant(pattern["anchor"]), size, {"result": result}, samplers, params)
     device.release(table)
+    return result
+
+
+def spare(device, dots, shaded):
+    """An image (h, w), as the CPU's twin."""
+    size = dots.shape[1::-1]
+    result = device.new_image(dots.shape[:2])
+    device.dispatch(SPARE, size, {"result": result}, {"dots": dots, "shaded": shaded}, {"size": size})
     return result
 
 

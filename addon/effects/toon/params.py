@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from ...core.params import Colour, Params, param
@@ -18,6 +18,13 @@ class Light(Enum):
 
     FACING = "facing"
     BRIGHTNESS = "brightness"
+
+
+class ShadowEdge(Enum):
+    """How cast shadows end."""
+
+    CRISP = "crisp"
+    SOFT = "soft"
 
 
 class Normals(Enum):
@@ -50,7 +57,7 @@ class Unit(Enum):
     METRE = "metre"
 
 
-DEFAULT_RAMP = Ramp.parse("0:#525259,0.15:#a6a6ad,0.6:#ffffff;constant")
+DEFAULT_RAMP = Ramp.parse("0:#77778a,0.12:#b4b4c0,0.4:#ffffff;constant")
 
 
 @dataclass(frozen=True)
@@ -79,7 +86,11 @@ class ToonParams(Params):
     exposure: float = param(
         1.0, hard=(0.0, 1e6), soft=(0.0, 4.0), doc="Brightness is multiplied by this before the ramp"
     )
-    shadows: bool = param(True, doc="Cast shadows, as Soft Shadow is set to make them")
+    shadows: bool = param(True, doc="Cast shadows")
+    shadow_edge: ShadowEdge = param(
+        ShadowEdge.CRISP,
+        doc="Crisp shadows are exact, by a ray to the middle of each light; soft ones are Soft Shadow's own",
+    )
     normals: Normals = param(
         Normals.SMOOTH, doc="Shade smooth normals, or each face as a flat piece of paper"
     )
@@ -106,13 +117,13 @@ class ToonParams(Params):
         90.0, hard=(1.0, 10000.0), soft=(20.0, 300.0), doc="Dots along the height of the frame"
     )
     halftone_scale: float = param(
-        1.2,
+        0.85,
         hard=(0.0, 10.0),
         soft=(0.0, 2.0),
         doc="Dot size in full shade, in cells; dots touch at 1 and fill everything from 1.42 on",
     )
     halftone_cutoff: float = param(
-        0.4, hard=(0.0, 10.0), soft=(0.0, 2.0), doc="Smaller dots than this are left out"
+        0.45, hard=(0.0, 10.0), soft=(0.0, 2.0), doc="Smaller dots than this are left out"
     )
     halftone_angle: float = param(
         math.pi / 4.0, hard=(-1e4, 1e4), soft=(-math.pi, math.pi), unit="rad", doc="Turn of the rows of dots"
@@ -172,3 +183,7 @@ class ToonParams(Params):
         doc="Also draw where normals on both sides differ by more than this; half a turn is never",
     )
     line_width_px: int = param(1, hard=(1, 16), unit="pixel", doc="Width of these inner lines")
+
+    def lighter(self, share: float) -> ToonParams:
+        """Without rays: a hierarchy for those takes longer than a frame to build."""
+        return replace(self, shadow_edge=ShadowEdge.SOFT)

@@ -19,7 +19,7 @@ from ...core.view_rays import ViewRays
 from ..shared import lit
 from ..soft_shadow.reference import evaluate as shadow_of
 from .looks import excluded_instances, own_of
-from .params import NO_FADE, Anchor, Light, Mix, Normals, ToonParams
+from .params import NO_FADE, Anchor, Light, Mix, Normals, ShadowEdge, ToonParams
 
 SHADOW_RAYS = 64  # of each of two estimates at a point
 
@@ -154,8 +154,23 @@ def _visible(rays, outline, params, lamp, points: SurfacePoints, seed) -> np.nda
     casters = np.array([i.casts_shadow for i in outline.instances], np.uint8)
     if lamp.casters is not None:
         casters[[i for i in range(len(casters)) if i not in lamp.casters]] = 0
+    if params.shadow_edge == ShadowEdge.CRISP:
+        return _sees_middle(rays, lamp.emitter, casters, points)
     halves, _ = shadow_of(rays, ShadowLight(lamp.emitter, casters), points, SHADOW_RAYS // 2, seed)
     return halves.mean(axis=1)
+
+
+def _sees_middle(rays, emitter, casters: np.ndarray, points: SurfacePoints) -> np.ndarray:
+    """(N,) float64: 1 where nothing lies between a point and the middle of a lamp."""
+    origins = points.position
+    if emitter.kind == EmitterKind.DISTANT_DISK:
+        towards = np.tile(-np.array(emitter.forward), (len(origins), 1))
+        longest = np.full(len(origins), np.inf, np.float32)
+    else:
+        towards = np.array(emitter.centre) - points.eye - origins
+        longest = np.ones(len(origins), np.float32)
+    hidden = rays.occluded(casters, origins, towards.astype(np.float32), longest)
+    return np.where(hidden | (np.einsum("ni,ni->n", towards, points.geometric_normal) <= 0.0), 0.0, 1.0)
 
 
 # Dots
@@ -167,6 +182,8 @@ def halftone(rays: RayCaster, outline: Outline, layer: PlannedLayer, seen: ViewR
     found = np.isfinite(seen.distances)
     inked = np.ones(len(outline.instances) + 1, bool)
     inked[[*excluded_instances(outline), -1]] = False
+    left_out = [own_of(material).excluded for material in outline.materials]
+    inked = inked[surface["instance"]] & ~np.array([*left_out, True])[surface["material"]]
     size = (1.0 - _light(rays, outline, params, seen, seed)) * params.halftone_scale
     at, cell = _places(outline, params, seen)
     cosine, sine = np.cos(params.halftone_angle), np.sin(params.halftone_angle)
@@ -174,7 +191,7 @@ def halftone(rays: RayCaster, outline: Outline, layer: PlannedLayer, seen: ViewR
         np.stack([cosine * at[:, 0] + sine * at[:, 1], cosine * at[:, 1] - sine * at[:, 0]], axis=1) / cell
     )
     away = np.linalg.norm(turned - np.floor(turned) - 0.5, axis=1)
-    ink = found & inked[surface["instance"]] & (size >= params.halftone_cutoff) & (away < 0.5 * size)
+    ink = found & inked & (size >= params.halftone_cutoff) & (away < 0.5 * size)
     fade = params.halftone_opacity
     if params.halftone_fade_end_m < NO_FADE:
         start, end = params.halftone_fade_start_m, params.halftone_fade_end_m

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.culling import around, boxes_of, receivers_in_view, unlit_reason
+from ...core.culling import around, boxes_of, casters_of, receivers_in_view, unlit_reason
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
 from ...core.outline import Outline
@@ -14,7 +14,7 @@ from ..shared import steps as shared
 from . import pattern, steps
 from .lights import luminance, packed_lights
 from .looks import excluded_instances, own_of, ramps_of, without_outline
-from .params import NO_CREASE, Anchor, Light, Normals, ToonParams, Unit
+from .params import NO_CREASE, Anchor, Light, Normals, ShadowEdge, ToonParams, Unit
 
 
 def needed(outline: Outline) -> str | None:
@@ -39,13 +39,17 @@ def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
     normal = "geometric_normal" if params.normals == Normals.FLAT else "shading_normal"
     surface = shared.surface(recorder, outline, visible, normal)
     light, casters = _light(recorder, outline, params, surface, normal, visible, around(receivers))
-    recorder.layer(TOON, _shade(recorder, outline, params, surface, light, normal, visible), casters=casters)
+    shaded = _shade(recorder, outline, params, surface, light, normal, visible)
+    recorder.layer(TOON, shaded, casters=casters)
     if not params.halftone:
         recorder.left_out("toon halftone", "it is switched off")
     elif reason := _no_dots(params):
         recorder.left_out("toon halftone", reason)
     else:
         node = _halftone(recorder, outline, params, light, excluded)
+        used = outline.instances.materials_of(visible - excluded)
+        if any(own_of(outline.materials[m]).excluded for m in used):
+            node = recorder.step(steps.SPARE, node, shaded)
         recorder.layer(HALFTONE, node, casters=casters)
     if not params.outline:
         recorder.left_out("toon outline", "it is switched off")
@@ -59,7 +63,7 @@ def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
 def _light(recorder, outline, params, surface, normal, visible, region) -> tuple[Node, frozenset[int]]:
     """How far along the ramp each point is, and the instances that cast shadow on it."""
     chosen = _chosen_lights(recorder, outline, params, visible, region)
-    shadows = [recorder.source("visibility", index) if params.shadows else None for index in chosen]
+    shadows = [_shadow(recorder, outline, params, index, surface, normal, region) for index in chosen]
     casters = frozenset().union(*(shadow[1] for shadow in shadows if shadow))
     lights = [outline.lights[index] for index in chosen]
     shadowed = tuple(shadow is not None for shadow in shadows)
@@ -84,6 +88,35 @@ def _light(recorder, outline, params, surface, normal, visible, region) -> tuple
         lights=packed_lights(lights, outline.view.eye),
         shadowed=shadowed,
         linked=linked,
+    )
+    return node, casters
+
+
+def _shadow(recorder, outline, params, index, surface, normal, region) -> tuple[Node, frozenset[int]] | None:
+    """Visibility of a light from each point and what casts it, or None where nothing does."""
+    light = outline.lights[index]
+    if not params.shadows:
+        return None
+    if params.shadow_edge == ShadowEdge.SOFT:
+        return recorder.source("visibility", index)
+    casters = casters_of(light, outline.instances, region) if light.casts_shadow else frozenset()
+    if not casters:
+        return None
+    recorder.surface_with("position", "geometric_normal")
+    recorder.reads_instances(casters)
+    is_distant = light.emitter.kind == EmitterKind.DISTANT_DISK
+    place = (
+        -np.array(light.emitter.forward) if is_distant else light.emitter.centre - np.array(outline.view.eye)
+    )
+    node = recorder.step(
+        steps.CRISP_SHADOW,
+        surface,
+        shared.ray_accelerator(outline),
+        instance=light.name,
+        normal=normal,
+        place=tuple(place.tolist()),
+        is_distant=is_distant,
+        casters=casters,
     )
     return node, casters
 

@@ -30,6 +30,19 @@ def _facing(device, surface, *visibility, normal, lights, shadowed, linked):
     )
 
 
+def _crisp_shadow(device, surface, accelerator, normal, place, is_distant, casters):
+    return device.kernels.rays_towards(
+        accelerator,
+        device.instance_mask(casters),
+        np.array(place),
+        is_distant,
+        surface["position"],
+        surface["geometric_normal"],
+        surface[normal],
+        cancel=device.cancel_flag,
+    )
+
+
 def _brightness(device, *images, weights, shadowed):
     queue = iter(images)
     total = np.float32(0.0)
@@ -94,6 +107,10 @@ def _halftone(device, surface, light, anchors, inked, chunk, **pattern):
         surface["geometric_normal"] if on_surface else None,
         cancel=device.cancel_flag,
     )
+
+
+def _spare(device, dots, shaded):
+    return np.where(shaded[..., 3] > 0.0, dots, np.float32(1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +203,8 @@ def _lines(device, geometry, view: View, visible, marked, width, objects, materi
 
 # How much points face the lights, in 0 to 1: what the ramp is looked up with.
 FACING = Step("toon/facing", cpu=_facing, gpu=gpu_steps.facing)
+# Whether a light's middle is seen, 1 or 0.
+CRISP_SHADOW = Step("toon/crisp_shadow", cpu=_crisp_shadow, hole="rays live on the CPU only")
 # What white surfaces would send back, instead.
 BRIGHTNESS = Step("toon/brightness", cpu=_brightness, gpu=gpu_steps.brightness)
 # Where no light counts.
@@ -194,6 +213,8 @@ UNLIT = Step("toon/unlit", cpu=_unlit, gpu=gpu_steps.unlit)
 SHADE = Step("toon/shade", cpu=_shade, gpu=gpu_steps.shade)
 # Paper between the dots.
 HALFTONE = Step("toon/halftone", cpu=_halftone, gpu=gpu_steps.halftone, told_chunk=True)
+# No dots on what is excluded.
+SPARE = Step("toon/spare", cpu=_spare, gpu=gpu_steps.spare)
 # What faces away of every outlined surface, moved out by the line's width.
 HULL = Step("toon/hull", cpu=_hull, hole="which faces touch is found once a frame, on the CPU")
 HULL_GEOMETRY = Step("toon/hull_geometry", cpu=_hull_geometry, gpu=_hull_geometry, copyable=False)

@@ -21,14 +21,14 @@ pub struct Accel {
 }
 
 /// Rays of a chunk, to be traced one packet after the other.
-struct Rays<'a, const NEAREST: bool> {
-    scene: &'a Scene,
-    casters: &'a [u8],
-    origins: &'a [[f32; 3]],
-    directions: &'a [[f32; 3]],
-    t_max: &'a [f32],
+pub(super) struct Rays<'a, const NEAREST: bool> {
+    pub(super) scene: &'a Scene,
+    pub(super) casters: &'a [u8],
+    pub(super) origins: &'a [[f32; 3]],
+    pub(super) directions: &'a [[f32; 3]],
+    pub(super) t_max: &'a [f32],
     /// Called with the first ray's index, the traced packet and its nearest hits.
-    done: &'a mut dyn FnMut(usize, &Packet, &Nearest),
+    pub(super) done: &'a mut dyn FnMut(usize, &Packet, &Nearest),
 }
 
 impl<const NEAREST: bool> Work for Rays<'_, NEAREST> {

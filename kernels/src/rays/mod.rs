@@ -12,6 +12,7 @@ mod leaves;
 mod packet;
 mod pattern;
 mod scene;
+mod towards;
 mod triangle;
 mod visibility;
 
@@ -252,5 +253,6 @@ fn ray_screen<'py>(
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Accel>()?;
     module.add_function(wrap_pyfunction!(ray_visibility, module)?)?;
-    module.add_function(wrap_pyfunction!(ray_screen, module)?)
+    module.add_function(wrap_pyfunction!(ray_screen, module)?)?;
+    module.add_function(wrap_pyfunction!(towards::rays_towards, module)?)
 }
