@@ -29,10 +29,12 @@ def collected(values: np.ndarray, probes: int, seed: int) -> ProbeCollector:
 
 class Light:
     """A radiance layer; `values` and `truths` (height, width, 3) float64; `noise`: standard deviation of one
-    estimate of the reference over the truth's mean, 0 for an exact one."""
+    estimate of the reference over the truth's mean, 0 for an exact one; `own_noise` the same over each
+    pixel's own truth, added."""
 
-    def __init__(self, values: np.ndarray, truths: np.ndarray, noise: float = 0.0):
-        self.values, self.truths, self.noise = values.astype(np.float32), truths, noise
+    def __init__(self, values: np.ndarray, truths: np.ndarray, noise: float = 0.0, own_noise: float = 0.0):
+        self.values, self.truths = values.astype(np.float32), truths
+        self.noise, self.own_noise = noise, own_noise
 
     @property
     def error(self) -> float:
@@ -44,9 +46,9 @@ class Light:
 
         def reference(kept, seed):
             truth = flat[kept.pixels]
-            if not self.noise:
+            if not self.noise and not self.own_noise:
                 return truth[None]
-            spread = self.noise * self.truths.mean()
+            spread = self.noise * self.truths.mean() + self.own_noise * truth
             return truth + spread * np.random.default_rng(seed).standard_normal((2, *truth.shape))
 
         strata, total = list(collector.kept(NAME)), collector.totals[NAME]
@@ -69,6 +71,13 @@ def slightly_off(rng) -> Light:
 def noisy_reference(rng) -> Light:
     light = slightly_off(rng)
     return Light(light.values, light.truths, noise=0.05)
+
+
+def beside_a_lamp(rng) -> Light:
+    """A hundred pixels hold nearly all of the squares, and the reference is noisiest there."""
+    truths = fog(rng)
+    truths[60:70, 40:50] *= rng.uniform(20.0, 400.0, (10, 10, 1))
+    return Light(truths * (1.0 + 0.01 * rng.standard_normal(truths.shape)), truths, own_noise=0.1)
 
 
 def too_dark(rng) -> Light:

@@ -338,12 +338,26 @@ def test_a_ray_beside_a_disk(height, g):
     assert value[0] == pytest.approx(exact, rel=0.01)
 
 
-@pytest.mark.parametrize(("height", "bound"), [(1.0, 0.025), (3.0, 0.01), (6.0, 0.01)])
-def test_a_ray_beside_a_spot_with_a_size(height, bound):
-    """Its cone's edge is blurred by the angle that the disk fills; sixteen directions of a disk as near as
-    its radius see a narrow cone's edge in steps."""
-    along, cone = np.array([0.96, 0.0, -0.28]), {"cos_cone": math.cos(0.45), "blend": 0.25}
+@pytest.mark.parametrize("blend", [0.02, 0.25, 1.0])
+@pytest.mark.parametrize(("height", "bound"), [(0.5, 0.01), (1.0, 0.006), (3.0, 0.006), (6.0, 0.003)])
+def test_a_ray_beside_a_spot_with_a_size(height, bound, blend):
+    """Its cone's edge is blurred by the angle that the disk fills. Four rings of the disk know how much of
+    each lies in the cone, but not how sharply the phase function turns within a radius."""
+    along, cone = np.array([0.96, 0.0, -0.28]), {"cos_cone": math.cos(0.45), "blend": blend}
     exact = _beside_a_disk(0.02 * height, 8.0, 0.35, 0.02, along, **cone)
     spot = source(2, axis=along, radius=0.02, **cone)
     value = along_y((0.02 * height, -4.0, 0.0), 8.0, medium(1e-4, 1e-4, 0.35), spot) * 1e4
     assert value[0] == pytest.approx(exact, rel=bound)
+
+
+def test_a_wide_spot_with_a_hard_edge_is_finite():
+    """Rays past, through and inside a spot's disk, in cones from a hair's breadth to all around."""
+    rays, depth = lattice((0.0, -4.0, 0.0), 8, 8, (-0.5, 0.5, -0.5, 0.5)), np.full((8, 8), 8.0, np.float32)
+    for angle in (1e-3, 0.3, 1.5, 3.1):
+        for blend in (0.0, 1.0):
+            for place in ((0.0, 0.0, 0.0), (0.0, -4.0, 0.0), (0.3, -4.0, 0.1)):
+                for axis in ((0.0, 1.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, -0.8)):
+                    spot = source(2, place, axis, 0.5, math.cos(angle), blend)
+                    image = strata_kernels.airlight(depth, rays, medium(0.1, 0.1, 0.4), spot, [])
+                    assert np.isfinite(image).all()
+                    assert (image >= 0.0).all()

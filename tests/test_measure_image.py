@@ -22,6 +22,7 @@ from strata.addon.measure.image import _checked
 LIGHTS = [
     made.slightly_off,
     made.noisy_reference,
+    made.beside_a_lamp,
     made.too_dark,
     made.black,
     made.exact,
@@ -77,6 +78,15 @@ def test_the_noise_of_the_reference_is_not_the_layers_error():
     found = [layer.measured(1024, seed) for seed in range(8)]
     assert np.mean([each.value for each in found]) < 0.03
     assert all(each.ci95[0] == 0.0 for each in found)
+
+
+def test_the_few_brightest_pixels_are_measured_again_and_again():
+    """Their reference's noise, ten times the layer's error, would hide that error."""
+    layer = made.beside_a_lamp(np.random.default_rng(4))
+    found = [layer.measured(2048, seed) for seed in range(16)]
+    assert np.mean([each.value for each in found]) == pytest.approx(layer.error, rel=0.15)
+    # Looked at once it would be seven times the error.
+    assert max(each.reference_noise for each in found) < 4.0 * layer.error
 
 
 def test_figures_of_masks_against_brute_force():

@@ -8,7 +8,7 @@ import pytest
 from strata.addon.core.slices import finished
 from strata.addon.measure.estimate import Group, Measured, binary_part, grouped_part
 from strata.addon.measure.interval import Part, gamma_distribution, gamma_quantile, joined, limits
-from strata.addon.measure.survey import allot
+from strata.addon.measure.survey import allot, shared_looks
 from strata.addon.measure.visibility import measure_visibility
 
 
@@ -212,3 +212,15 @@ def test_same_seed_same_figures():
         for _ in range(2)
     )
     assert first.to_json() | {"seconds": 0} == second.to_json() | {"seconds": 0}
+
+
+def test_shared_looks():
+    # No group is seen whole: no second looks.
+    assert shared_looks(10, [100, 100], [100, 100], [1, 3], again=True) == [(2, 1), (7, 1)]
+    # Half of the looks are first ones; the others go to the group that is seen whole.
+    assert shared_looks(1000, [10, 5000], [10, 5000], [5000, 5000], again=True) == [(10, 51), (490, 1)]
+    assert shared_looks(4000, [10, 10], [10, 10], [1, 8], again=True) == [(10, 80), (10, 319)]
+    assert shared_looks(4000, [10, 10], [10, 10], [1, 1], again=False) == [(10, 1), (10, 1)]
+    # Pixels that were not kept are not seen.
+    assert shared_looks(4000, [10], [20], [1], again=True) == [(10, 1)]
+    assert shared_looks(100, [], [], [], again=True) == []

@@ -26,6 +26,9 @@ SOURCES = {
     "point": Source(SourceKind.UNIFORM, (0.3, 0.4, 0.2), (0, 0, -1), 1.0, 0.05),
     "bare point": Source(SourceKind.UNIFORM, (0.3, 0.4, 0.2), (0, 0, -1), 1.0),
     "spot": Source(SourceKind.SPOT, (0.3, 0.4, 2.0), (0.1, 0.0, -0.995), 1.0, 0.0, False, math.cos(0.6), 0.4),
+    "wide spot": Source(
+        SourceKind.SPOT, (0.3, 0.4, 2.0), (0.1, 0.0, -0.995), 1.0, 0.2, False, math.cos(0.6), 0.4
+    ),
     "area": Source(SourceKind.AREA, (0.3, 0.4, 2.0), (0, 0, -1), 1.0, 0.3),
     "spread area": Source(SourceKind.AREA, (0.3, 0.4, 2.0), (0, 0, -1), 1.0, 0.3, tan_half_spread=1.5),
 }
@@ -47,6 +50,12 @@ MESH = _casters()
 
 
 _CORNERS = {0: MESH.positions}
+
+
+def _order(source: Source) -> int:
+    """Nodes a panel. Sixteen rays at once take the panels of the most demanding one, each by itself its own:
+    beside a spot with a size four nodes differ by what they are off."""
+    return 16 if source.kind == SourceKind.SPOT and source.radius else 4
 
 
 def _windows(source: Source) -> int:
@@ -83,7 +92,7 @@ def _made(device, geometry, depth, source, medium, camera, shadowed, stride):
     common = {"stride": stride, "chunk": chunk}
     part = steps.AIRLIGHT.twin(device.name)(
         device, surface, *maps, view=camera, medium=medium, source=source, windows=windows,
-        counts=(len(maps),), order=4, **common
+        counts=(len(maps),), order=_order(source), **common
     )  # fmt: skip
     scattered = steps.SCATTERED.twin(device.name)(
         device, surface, part, part, intensity=(2.0, 1.0, 0.5), shares=(0.25, 0.75), **common
@@ -183,7 +192,7 @@ def _bounded(device, geometry, depth, source, medium, camera, shadowed, stride):
     surface = {"depth": device.from_host(depth)}
     light = steps.BOUNDED.twin(name)(
         device, surface, spans[0], *maps, *ways, view=camera, medium=medium, source=source,
-        windows=_windows(source), counts=(len(maps),), order=4, stride=stride, chunk=chunk,
+        windows=_windows(source), counts=(len(maps),), order=_order(source), stride=stride, chunk=chunk,
     )  # fmt: skip
     through = steps.BOUNDED_TRANSMITTANCE.twin(name)(
         device, surface, spans[-1], view=camera, medium=medium, chunk=chunk

@@ -22,7 +22,7 @@ from .estimate import Compared, sampled_part
 from .interval import joined, limits
 from .probes import Band, Kept
 from .report import LayerError
-from .survey import allot
+from .survey import allot, shared_looks
 
 RAYS_AT_ONCE = 128  # view rays of one call of a reference of light
 PIXELS_AT_ONCE = 32  # of one call of a mask's reference
@@ -96,14 +96,24 @@ def measure_light(
         * (CHANGING if each.difficulty == Difficulty.EDGE else 1.0)
         for each in strata
     ]
+    sizes, populations = [len(each.pixels) for each in strata], [each.population for each in strata]
+    looks = []
+    if strata:
+        # Only what is not known exactly is worth a second look.
+        first = _checked(reference(at(strata[0], np.arange(1)), seed), (1, channels))
+        looks = shared_looks(probes, sizes, populations, wishes, again=len(first) > 1)
     compared = []
-    for number, stratum in enumerate(_chosen(strata, probes, wishes)):
-        halves = []
-        for index, start in enumerate(range(0, len(stratum.pixels), RAYS_AT_ONCE)):
-            part = at(stratum, np.arange(start, min(start + RAYS_AT_ONCE, len(stratum.pixels))))
-            halves.append(_checked(reference(part, int(hash_bits(seed, number, index))), part.values.shape))
+    for number, (stratum, (count, again)) in enumerate(zip(strata, looks, strict=True)):
+        stratum, estimates = _smallest(stratum, count), []
+        repeated = np.repeat(np.arange(count), again)
+        for index, start in enumerate(range(0, len(repeated), RAYS_AT_ONCE)):
+            part = at(stratum, repeated[start : start + RAYS_AT_ONCE])
+            estimates.append(
+                _checked(reference(part, int(hash_bits(seed, number, index))), part.values.shape)
+            )
             yield
-        compared.append(Compared(stratum.population, stratum.values, np.concatenate(halves, axis=1)))
+        halves = np.concatenate(estimates, axis=1).reshape(-1, count, again, channels).mean(axis=2)
+        compared.append(Compared(stratum.population, stratum.values, halves))
     bias = math.fsum(each.population * float(each.errors.mean()) for each in compared) / max(pixels, 1)
     scale, scale_error = _scale(total / max(pixels * channels, 1), bias, compared, pixels)
     part = joined(sampled_part(each, max(float((each.values**2).mean()), scale**2)) for each in compared)
@@ -206,12 +216,14 @@ def _with_channels(kept: Kept) -> Kept:
 
 
 def _chosen(strata: Sequence[Kept], probes: int, wishes: Sequence[float]) -> list[Kept]:
-    """Each stratum with the pixels that get a probe: those of smallest priority."""
+    """Each stratum with the pixels that get a probe."""
     counts = allot(probes, [len(each.pixels) for each in strata], wishes)
-    return [
-        at(each, np.sort(np.argsort(each.priorities, kind="stable")[:count]))
-        for each, count in zip(strata, counts, strict=True)
-    ]
+    return [_smallest(each, count) for each, count in zip(strata, counts, strict=True)]
+
+
+def _smallest(stratum: Kept, count: int) -> Kept:
+    """The same with `count` pixels of smallest priority."""
+    return at(stratum, np.sort(np.argsort(stratum.priorities, kind="stable")[:count]))
 
 
 def _checked(estimates: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

@@ -175,3 +175,27 @@ def allot(total: int, sizes: Sequence[int], wishes: Sequence[float]) -> list[int
         given[full] = sizes[full]
         open_groups &= ~full
     return given.tolist()
+
+
+def shared_looks(
+    total: int, sizes: Sequence[int], populations: Sequence[int], wishes: Sequence[float], again: bool
+) -> list[tuple[int, int]]:
+    """Shares `total` looks of a reference out to groups: for each how many of its `sizes` pixels get any, and
+    how many each of them gets.
+
+    Half of the looks are first ones, as `allot` has it, since what was never looked at widens the interval
+    most. If they may look `again`, and there are groups of which every pixel is seen, the other half takes
+    those pixels' noise off: in proportion to the power 2/3 of a pixel's wish, which is best where the noise
+    of a square (Compared.square_variances) goes with the wish.
+    """
+    sizes, populations = np.asarray(sizes, np.int64), np.asarray(populations, np.int64)
+    counts = np.array(allot(total // 2 if again else total, sizes, wishes), np.int64)
+    more = np.ones(len(counts), np.int64)
+    whole = (counts == populations) & (populations > 0)
+    if again and whole.any():
+        each = (np.asarray(wishes, np.float64)[whole] / populations[whole]) ** (2.0 / 3.0)
+        left = max(total - int(counts.sum()), 0)
+        more[whole] += (left * each / max((each * counts[whole]).sum(), 1e-300)).astype(np.int64)
+    elif again:
+        counts = np.array(allot(total, sizes, wishes), np.int64)
+    return list(zip(counts.tolist(), more.tolist(), strict=True))

@@ -7,6 +7,7 @@ const float PANEL_WIDTH = 0.6;
 #else
 const float PANEL_WIDTH = 2.0;
 #endif
+const float NEARBY_WIDTH = 0.3;  // of spots
 const float PANEL_DEPTH = 6.0;
 #ifdef LOOKED_UP
 const float OPAQUE = 100.0;  // of light from outside s grows faster than what it goes through
@@ -66,25 +67,27 @@ vec3 near_group(Seen seen, float tau, float length_m, float travelled, float low
   float a0 = z0 / c, a1 = (z0 + change) / c;
   float cosh0 = sqrt(1.0 + a0 * a0), cosh1 = sqrt(1.0 + a1 * a1);
   float width = log_1p((change / c) * (1.0 + (a0 + a1) / (cosh0 + cosh1)) / (a0 + cosh0));
-  int panels = clamp(int(ceil(max(width / PANEL_WIDTH, high * h * change / PANEL_DEPTH))), 1, MOST_PANELS);
+  float turned = abs(params.extinction.w), widest = PANEL_WIDTH;
+  bool nearby = params.light.w > NEARBY * h;
+#ifdef SPOT
+  widest = nearby ? NEARBY_WIDTH : widest;
+#else
+  nearby = nearby && turned > 0.0 && turned <= SHARPEST;
+#endif
+  int panels = clamp(int(ceil(max(width / widest, high * h * change / PANEL_DEPTH))), 1, MOST_PANELS);
   float step_y = width / float(panels);
   int order = int(params.walk.x);
   float start = z0, before = 0.0;
-  float turned = abs(params.extinction.w);
-  bool nearby = params.light.w > NEARBY * h;
-#ifndef SPOT
-  nearby = nearby && turned > 0.0 && turned <= SHARPEST;
-#endif
   vec3 sum = vec3(0.0);
   for (int panel = 0; panel < panels; panel++) {
     float slope = sqrt(c * c + start * start);
     for (int i = 0; i < order; i++) {
       vec2 node = texelFetch(nodes, ivec2(i, 0), 0).xy;
       vec2 grown = further(start, slope, step_y * node.x);
-      float z = start + grown.x, mirrored = 1.0 / z, z2 = z * z;
+      float z = start + grown.x, mirrored = 1.0 / z;
       float away = 0.5 * h * (z + mirrored);
       float value = falloff(away) * (away * mirrored) * grown.y * (node.y * step_y);
-      value *= scattered_share(seen, 0.5 * h * (z - mirrored), away, (params.extinction.w >= 0.0 ? z2 : 1.0) / (1.0 + z2), nearby);
+      value *= scattered_share(seen, 0.5 * h * (z - mirrored), away, (params.extinction.w >= 0.0 ? z : mirrored) / (z + mirrored), nearby);
 #ifdef LOOKED_UP
       float t = 0.5 * h * (z - mirrored) + seen.closest;
       float path = travelled + (t - (tau + seen.closest)) + way_travelled(ray.origin + t * ray.direction);

@@ -43,7 +43,7 @@ Seen seen_from_light(vec3 origin, vec3 direction)
 {
   Seen seen;
   seen.closest = -dot(origin, direction);
-  seen.height = max(max(length(cross(origin, direction)), length(origin) * 5.9604645e-8), 1e-18);
+  seen.height = max(max(length(cross(origin, direction)), (length(origin) + params.light.w) * 5.9604645e-8), 1e-15);
   vec3 foot = origin + seen.closest * direction;
   vec3 turn0 = cross(params.axis.xyz, foot), turn1 = cross(params.axis.xyz, direction);
   seen.across2 = dot(turn1, turn1);
@@ -73,13 +73,57 @@ float filled(float away)
   return 0.5 * params.light.w * params.light.w * falloff(away);
 }
 
+float smooth_step(float x)
+{
+  x = clamp(x, 0.0, 1.0);
+  return x * x * (3.0 - 2.0 * x);
+}
+
 // A spot's intensity: source.rs `Seen::intensity`. `off` = 1 - cosine.
 float spot(float cosine, float off, float sine2, float own)
 {
   off += 0.5 * own * cosine;
   float spread = cosine * cosine * own * own / 12.0 + 0.5 * sine2 * (own - own * own / 3.0);
-  float x = clamp((params.cone.x - off) / sqrt(params.cone.y * params.cone.y + 20.0 * spread) + 0.5, 0.0, 1.0);
-  return x * x * (3.0 - 2.0 * x);
+  return smooth_step((params.cone.x - off) / sqrt(params.cone.y * params.cone.y + 20.0 * spread) + 0.5);
+}
+
+// Directions that a light nearby is taken as: lanes/light.rs `SPOT` and `EVEN`.
+#ifdef SPOT
+const int RINGS = 4;
+const vec2 RING[RINGS] = vec2[RINGS](
+    vec2(0.06943184, 0.17392742), vec2(0.33000948, 0.32607258), vec2(0.6699905, 0.32607258), vec2(0.93056816, 0.17392742));
+const int TURNS = 6;
+const float OWN = 0.0125;
+#else
+const int RINGS = 2;
+const vec2 RING[RINGS] = vec2[RINGS](vec2(0.21132487, 0.5), vec2(0.7886751, 0.5));
+const int TURNS = 8;
+const float OWN = 0.05;
+#endif
+
+// The means over a ring of smoothstep(a + b cos), and of that times cos and times the cosine of twice the turn; b > 0.
+vec3 on_ring(float a, float b)
+{
+  float full = clamp((1.0 - a) / b, -1.0, 1.0), none = clamp(-a / b, -1.0, 1.0);
+  float from = acos(full), fading = acos(none) - from, sine = sqrt(1.0 - full * full);
+  vec3 means = vec3(from, sine, sine * full);
+  for (int i = 0; i < 3; i++) {
+    float cosine = cos(from + (0.5 + 0.3872983 * float(i - 1)) * fading);
+    float part = (i == 1 ? 4.0 : 2.5) / 9.0 * fading * smooth_step(a + b * cosine);
+    means += part * vec3(1.0, cosine, 2.0 * cosine * cosine - 1.0);
+  }
+  return means / PI;
+}
+
+// From and to which 1 - cos a light that fills `fills` has rings that reach into a spot's cone.
+vec2 lit_rings(float cosine, float sine, float off, float fills)
+{
+  float edge = params.cone.x + 0.5 * params.cone.y, edge_sine = sqrt(edge * (2.0 - edge));
+  // 1 - cos of the difference and of the sum of the cone's half angle and the one to its axis.
+  float both = off + edge - off * edge, product = sine * edge_sine;
+  float low = off > edge ? max(both - product, 0.0) : 0.0;
+  bool less_than_half_a_turn = sine * (1.0 - edge) + cosine * edge_sine > 0.0;
+  return vec2(low, max(less_than_half_a_turn ? min(both + product, fills) : fills, low));
 }
 
 // Relative intensity times the phase function; `turned` as phase_turned has it. A light nearby is many directions:
@@ -97,9 +141,9 @@ float scattered_share(Seen seen, float tau, float away, float turned, bool nearb
   }
   return facing * phase_turned(turned, fills);
 #else
+  float off = cosine > 0.0 ? sine2 / (1.0 + cosine) : 1.0 - cosine;
   if (!nearby) {
 #  ifdef SPOT
-    float off = cosine > 0.0 ? sine2 / (1.0 + cosine) : 1.0 - cosine;
     return spot(cosine, off, sine2, fills) * phase_turned(turned, fills);
 #  else
     return phase_turned(turned, fills);
@@ -108,22 +152,33 @@ float scattered_share(Seen seen, float tau, float away, float turned, bool nearb
   float ahead = tau / away, sine = sqrt(max(sine2, 1e-20));
   float across2 = max(1.0 - ahead * ahead, 0.0), limit = sqrt(across2);
   float level = clamp((seen.along1 - cosine * ahead) / sine, -limit, limit);
-  float upright = sqrt(max(across2 - level * level, 0.0)), own = 0.05 * fills, total = 0.0;
-  for (int ring = 0; ring < 2; ring++) {
-    float lean = 1.0 - (fills - own) * (ring == 0 ? 0.21132487 : 0.7886751);
-    float wide = sqrt(max(1.0 - lean * lean, 0.0));
-    for (int turn = 0; turn < 8; turn++) {
-      float angle = PI / 8.0 * float(2 * turn + 1);
-      float right = wide * cos(angle), up = wide * sin(angle);
-      float straight = lean * ahead + right * level + up * upright;
-      float shines = phase(max(0.5 + 0.5 * straight, 0.0), own);
+  float upright = sqrt(max(across2 - level * level, 0.0)), own = OWN * fills, total = 0.0;
 #  ifdef SPOT
-      float here = lean * cosine + right * sine;
-      shines *= spot(here, 1.0 - here, max(1.0 - here * here, 0.0), own);
+  vec2 reach = lit_rings(cosine, sine, off, fills);
+#  else
+  vec2 reach = vec2(0.0, fills - own);
 #  endif
-      total += shines;
+  for (int ring = 0; ring < RINGS; ring++) {
+    float apart = mix(reach.x, reach.y, RING[ring].x), lean = 1.0 - apart;
+    float wide = sqrt(apart * (1.0 + lean));
+    vec3 cosines = vec3(0.0);
+    for (int turn = 0; turn < TURNS; turn++) {
+      float angle = PI / float(TURNS) * float(2 * turn + 1);
+      float right = cos(angle), up = sin(angle);
+      float straight = lean * ahead + wide * (right * level + up * upright);
+      float share = phase(max(0.5 + 0.5 * straight, 0.0), own);
+      cosines += share * vec3(1.0, 2.0 * right, 4.0 * right * right - 2.0);
     }
+#  ifdef SPOT
+    float a = (params.cone.x - apart - lean * off) / params.cone.y + 0.5;
+    total += RING[ring].y * dot(cosines, on_ring(a, max(wide * sine / params.cone.y, 1e-18)));
+#  else
+    total += RING[ring].y * cosines.x;
+#  endif
   }
-  return total / 16.0;
+#  ifdef SPOT
+  total *= (reach.y - reach.x) / fills;
+#  endif
+  return total / float(TURNS);
 #endif
 }

@@ -26,7 +26,12 @@ EVEN = 0.1
 THICK = 4.0
 """Optical depth until the light is near from which on samples are placed by transmittance."""
 
-PLASTIC = 1.324717957244746  # of the R2 sequence (Roberts 2018), for places on the light
+LOOKS = 8
+"""Places on the light, if it has a size, that a cell's brightness is the mean of."""
+
+PLASTIC = 1.324717957244746
+SPREAD = np.array([1.0 / PLASTIC, 1.0 / PLASTIC**2])
+"""The R2 sequence (Roberts 2018), for places on the light."""
 
 MOST_CROSSINGS = 32
 LIFT = 1e-6
@@ -65,10 +70,9 @@ def scattered(
         inside = np.isfinite(crossings).sum(axis=1) % 2 == 1
         starts = np.where(inside, starts, np.maximum(starts, np.where(np.isfinite(first), first, starts)))
         ends = np.maximum(np.minimum(ends, last), starts)
-    halves = [
-        _estimate(rays, light.emitter, fill, view_rays, starts, ends, crossings, casters, outline, generator)
-        for _ in range(2)
-    ]
+    halves = _estimates(
+        rays, light.emitter, fill, view_rays, starts, ends, crossings, casters, outline, generator
+    )
     measure = emitter_measure(light.emitter)
     unit = np.array(light.intensity) / (measure if measure > 0.0 else 1.0)
     return np.array(halves) * unit
@@ -123,7 +127,8 @@ def _inside(crossings: np.ndarray | None, starts: np.ndarray, ends: np.ndarray) 
     return total
 
 
-def _estimate(rays, emitter, fill, view_rays, starts, ends, crossings, casters, outline, generator):
+def _estimates(rays, emitter, fill, view_rays, starts, ends, crossings, casters, outline, generator):
+    """Two, whose samples are shared out by the same look at how brightly the light shines."""
     medium = fill.medium
     count = len(view_rays)
     extinction = np.array(medium.extinction)
@@ -145,37 +150,48 @@ def _estimate(rays, emitter, fill, view_rays, starts, ends, crossings, casters, 
         phase = (1.0 - g * g) / (4.0 * math.pi * np.maximum(1.0 + g * g - 2.0 * g * cosine, 1e-300) ** 1.5)
         return points, to_light, far, phase * weight.reshape(t.shape)
 
-    # Where the light, seen from somewhere on it, shines brightly, samples are close together.
-    middles = np.broadcast_to((np.arange(CELLS) + 0.5) / CELLS, (count, CELLS))
+    # Where the light, seen from several places on it, shines brightly, samples are close together.
+    looks = 1 if distant or emitter.half_width == 0.0 else LOOKS
+    middles = np.broadcast_to((np.arange(CELLS * looks) + 0.5) / (CELLS * looks), (count, CELLS * looks))
     t, density = placed(middles)
-    _, _, far, value = unshadowed(t, generator.random((count, CELLS, 2)))
+    turns = np.arange(CELLS * looks)[:, None] * SPREAD + generator.random((count, 1, 2))
+    _, _, far, value = unshadowed(t, turns % 1.0)
     way = t - starts[:, None] + (0.0 if distant else far.reshape(t.shape))
     bright = value / density * np.exp(-way * extinction.min())
-    uniform, chance = _warped(np.where(np.isfinite(bright), bright, 0.0), generator)
-    t, density = placed(uniform)
-    density = density * chance
-    turns = np.arange(SAMPLES)[:, None] * [1.0 / PLASTIC, 1.0 / PLASTIC**2] + generator.random((count, 1, 2))
-    points, to_light, far, value = unshadowed(t, turns % 1.0)
-    begin = (points.reshape(-1, 3) - rays.origin).astype(np.float32)
-    lit = ~rays.occluded(casters, begin, to_light.astype(np.float32), (far * (1.0 - 1e-6)).astype(np.float32))
-    if fill.instances is None:
-        travelled = t - starts[:, None] + (0.0 if distant else far.reshape(count, SAMPLES))
-        within = np.ones_like(t, bool)
-    else:
-        repeated = np.repeat(crossings, SAMPLES, axis=0)
-        before = _inside(repeated, np.repeat(starts, SAMPLES), t.reshape(-1))
-        within = _is_inside(repeated, t.reshape(-1)).reshape(t.shape)
-        reach = np.where(np.isfinite(far), far, 1e9)
-        way = _crossings(rays, outline, fill, points.reshape(-1, 3), to_light, reach)
-        after = np.where(
-            np.isfinite(way).any(axis=1),
-            _inside(way, np.zeros(len(way)), reach),
-            np.where(within.reshape(-1), reach, 0.0),
+    bright = np.where(np.isfinite(bright), bright, 0.0).reshape(count, CELLS, looks).mean(axis=2)
+
+    def estimate():
+        uniform, chance = _warped(bright, generator)
+        t, density = placed(uniform)
+        density = density * chance
+        turns = np.arange(SAMPLES)[:, None] * SPREAD + generator.random((count, 1, 2))
+        points, to_light, far, value = unshadowed(t, turns % 1.0)
+        begin = (points.reshape(-1, 3) - rays.origin).astype(np.float32)
+        lit = ~rays.occluded(
+            casters, begin, to_light.astype(np.float32), (far * (1.0 - 1e-6)).astype(np.float32)
         )
-        travelled = (before + after).reshape(t.shape)
-    value = value * lit.reshape(t.shape) * within / density
-    value = np.where(np.isfinite(value), value, 0.0)[..., None] * np.exp(-travelled[..., None] * extinction)
-    return value.mean(axis=1) * np.array(medium.scattering)
+        if fill.instances is None:
+            travelled = t - starts[:, None] + (0.0 if distant else far.reshape(count, SAMPLES))
+            within = np.ones_like(t, bool)
+        else:
+            repeated = np.repeat(crossings, SAMPLES, axis=0)
+            before = _inside(repeated, np.repeat(starts, SAMPLES), t.reshape(-1))
+            within = _is_inside(repeated, t.reshape(-1)).reshape(t.shape)
+            reach = np.where(np.isfinite(far), far, 1e9)
+            way = _crossings(rays, outline, fill, points.reshape(-1, 3), to_light, reach)
+            after = np.where(
+                np.isfinite(way).any(axis=1),
+                _inside(way, np.zeros(len(way)), reach),
+                np.where(within.reshape(-1), reach, 0.0),
+            )
+            travelled = (before + after).reshape(t.shape)
+        value = value * lit.reshape(t.shape) * within / density
+        value = np.where(np.isfinite(value), value, 0.0)[..., None] * np.exp(
+            -travelled[..., None] * extinction
+        )
+        return value.mean(axis=1) * np.array(medium.scattering)
+
+    return [estimate() for _ in range(2)]
 
 
 def _warped(bright: np.ndarray, generator) -> tuple[np.ndarray, np.ndarray]:
@@ -232,62 +248,65 @@ def _places(uniform, starts, ends, closest, height, extinction, distant):
 def _towards(emitter: Emitter, points: np.ndarray, square: np.ndarray):
     """For each point (N, 3): a direction to a random point of the light, its distance, and the irradiance
     that a facing surface gets there per unit of radiance (of intensity, for a light of no size), over the
-    density."""
-    right, up, forward = (np.array(axis) for axis in (emitter.right, emitter.up, emitter.forward))
-    radius, turn = np.sqrt(square[:, :1]), 2.0 * math.pi * square[:, 1:]
-    disk = np.concatenate([radius * np.cos(turn), radius * np.sin(turn)], axis=1)
+    density. `square` (N, 2): random numbers from 0 to 1."""
     if emitter.kind == EmitterKind.DISTANT_DISK:
-        least = 1.0 / math.hypot(1.0, emitter.half_width)
-        cosine = 1.0 - (1.0 - least) * square[:, :1]
-        across = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
-        away = cosine * forward + across * (np.cos(turn) * right + np.sin(turn) * up)
-        solid = 2.0 * math.pi * (1.0 - least) if emitter.half_width > 0.0 else 1.0
-        return -away, np.full(len(points), np.inf), np.full(len(points), solid)
-    centre = np.array(emitter.centre)
+        filled = 1.0 - 1.0 / math.hypot(1.0, emitter.half_width)
+        axis = np.broadcast_to(-np.array(emitter.forward), points.shape)
+        direction, _ = _within(axis, filled, square)
+        solid = 2.0 * math.pi * filled if emitter.half_width > 0.0 else 1.0
+        return direction, np.full(len(points), np.inf), np.full(len(points), solid)
+    to_centre = np.array(emitter.centre) - points
     if emitter.kind in (EmitterKind.RECTANGLE, EmitterKind.ELLIPSE):
-        plan = 2.0 * square - 1.0 if emitter.kind == EmitterKind.RECTANGLE else disk
+        plan = 2.0 * square - 1.0
+        if emitter.kind == EmitterKind.ELLIPSE:
+            radius, turn = np.sqrt(square[:, :1]), 2.0 * math.pi * square[:, 1:]
+            plan = np.concatenate([radius * np.cos(turn), radius * np.sin(turn)], axis=1)
         plan = plan * [emitter.half_width, emitter.half_height]
-        towards = centre + plan @ np.array([right, up]) - points
-        normal = np.broadcast_to(forward, points.shape)
-    else:
-        to_centre = centre - points
-        away = np.maximum(np.linalg.norm(to_centre, axis=1, keepdims=True), 1e-30)
-        if emitter.kind == EmitterKind.SPHERE and emitter.half_width > 0.0:
-            return _to_sphere(emitter, to_centre, away[:, 0], square)
-        normal = -to_centre / away
-        helper = np.where(np.abs(normal[:, :1]) > 0.7, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
-        first = np.cross(normal, helper)
-        first /= np.linalg.norm(first, axis=1, keepdims=True)
-        second = np.cross(normal, first)
-        towards = to_centre + emitter.half_width * (disk[:, :1] * first + disk[:, 1:] * second)
-    distance = np.maximum(np.linalg.norm(towards, axis=1), 1e-30)
-    direction = towards / distance[:, None]
-    facing = np.maximum(-np.einsum("nc,nc->n", direction, normal), 0.0)
-    area = emitter_measure(emitter) or 1.0
-    if emitter.kind == EmitterKind.ELLIPSE:
-        area = math.pi * emitter.half_width * emitter.half_height or 1.0
-    weight = facing / distance**2 * area * _profile(emitter, direction)
-    return direction, distance, weight
-
-
-def _to_sphere(emitter: Emitter, to_centre, away, square):
-    radius = emitter.half_width
-    outside = away > radius
-    sine2 = np.where(outside, (radius / away) ** 2, 1.0)
-    least = np.where(outside, np.sqrt(np.maximum(1.0 - sine2, 0.0)), -1.0)
-    cosine = 1.0 - (1.0 - least) * square[:, 0]
-    across = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+        towards = to_centre + plan @ np.array([emitter.right, emitter.up])
+        distance = np.maximum(np.linalg.norm(towards, axis=1), 1e-30)
+        direction = towards / distance[:, None]
+        facing = np.maximum(-direction @ np.array(emitter.forward), 0.0)
+        weight = facing / distance**2 * (emitter_measure(emitter) or 1.0)
+        return direction, distance, weight * _profile(emitter, direction)
+    away = np.maximum(np.linalg.norm(to_centre, axis=1), 1e-30)
     axis = to_centre / away[:, None]
+    if emitter.half_width == 0.0:
+        return axis, away, _profile(emitter, axis) / away**2
+    return _round(emitter, axis, away, square)
+
+
+def _round(emitter: Emitter, axis: np.ndarray, away: np.ndarray, square: np.ndarray):
+    """The same of a sphere, or of a disk that faces every point, `away` along `axis`: even over the solid
+    angle that it fills, so that no point nearby gets rare bright samples."""
+    radius = emitter.half_width
+    if emitter.kind == EmitterKind.SPHERE:
+        sine2 = np.minimum((radius / away) ** 2, 1.0)
+        outside = away > radius
+        filled = np.where(outside, sine2 / (1.0 + np.sqrt(1.0 - sine2)), 2.0)
+    else:
+        slant = np.hypot(away, radius)
+        filled = radius**2 / (slant * (slant + away))
+    direction, cosine = _within(axis, filled, square)
+    if emitter.kind == EmitterKind.SPHERE:
+        chord = np.sqrt(np.maximum(radius**2 - away**2 * (1.0 - cosine**2), 0.0))
+        distance = np.maximum(away * cosine + np.where(outside, -chord, chord), 0.0)
+    else:
+        distance = away / cosine
+    return direction, distance, 2.0 * math.pi * filled * _profile(emitter, direction)
+
+
+def _within(axis: np.ndarray, filled, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (N, 3) spread evenly over a cone around each `axis`, and their cosines to it; `filled` is
+    1 - cos of the cone's half angle."""
+    cosine = 1.0 - filled * square[:, 0]
+    across = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
     helper = np.where(np.abs(axis[:, :1]) > 0.7, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(axis, helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     second = np.cross(axis, first)
     turn = 2.0 * math.pi * square[:, 1:]
-    direction = cosine[:, None] * axis + across[:, None] * (np.cos(turn) * first + np.sin(turn) * second)
-    chord = np.sqrt(np.maximum(radius**2 - (away * across) ** 2, 0.0))
-    distance = away * cosine + np.where(outside, -chord, chord)
-    weight = 2.0 * math.pi * (1.0 - least) * _profile(emitter, direction)
-    return direction, np.maximum(distance, 0.0), weight
+    tilt = np.cos(turn) * first + np.sin(turn) * second
+    return cosine[:, None] * axis + across[:, None] * tilt, cosine
 
 
 def _profile(emitter: Emitter, direction: np.ndarray) -> np.ndarray:

@@ -17,6 +17,8 @@ use integrate::Integrate;
 
 /// Widest panel in y where the source's intensity varies along it too.
 const SHAPED_WIDTH: f32 = 0.6;
+/// The same where the source is so near that its size takes part in how a cone's edge looks.
+const NEARBY_WIDTH: f32 = 0.3;
 /// Extinction after which nothing that follows counts in single precision.
 const OPAQUE: f32 = 20.0;
 

@@ -76,7 +76,7 @@ impl Source {
 pub struct Seen {
     /// Metres from the ray's origin to the closest point.
     pub closest: f64,
-    /// Metres from the source to the closest point, more than 0.
+    /// Metres from the source to the closest point, at least `CLOSEST`.
     pub height: f64,
     /// `axis` times the closest point, and times the ray's direction: (along0 + tau along1) / D is the cosine.
     pub along0: f64,
@@ -87,8 +87,10 @@ pub struct Seen {
     pub across_tau: f64,
 }
 
-/// A ray passes no closer to a source than this share of its origin's distance: what its rounded direction knows.
+/// A ray passes no closer to a source than this share of its origin's distance, which is what its rounded direction
+/// knows, and of the source's radius; nor than so many metres, whose squares and quotients single precision holds.
 pub const CLOSEST_SHARE: f32 = 1.0 / (1 << 24) as f32;
+pub const CLOSEST: f32 = 1e-15;
 
 /// How far a cone's edge is blurred, in half angles that the source fills: a smoothstep with the variance of a
 /// semicircle reaches a little further.
@@ -105,8 +107,8 @@ impl Seen {
         let closest = -dot(origin, direction);
         let away = length(origin);
         let height = length(cross(origin, direction))
-            .max(f64::from(CLOSEST_SHARE) * away)
-            .max(1e-18);
+            .max(f64::from(CLOSEST_SHARE) * (away + source.radius))
+            .max(f64::from(CLOSEST));
         let foot: [f64; 3] = std::array::from_fn(|i| origin[i] + closest * direction[i]);
         let (turn0, turn1) = (cross(source.axis, foot), cross(source.axis, direction));
         let (across1, across2) = (dot(turn0, turn1), dot(turn1, turn1));

@@ -55,3 +55,24 @@ pub fn further(start: f32, slope: f32, d: f32) -> (f32, f32) {
         slope + twice * (slope * sinh + start * cosh),
     )
 }
+
+/// acos for |x| <= 1, to 7e-5 (Abramowitz and Stegun 4.4.45).
+#[inline(always)]
+pub fn acos(x: f32) -> f32 {
+    let y = x.abs();
+    let series = 1.570_728_8 + y * (-0.212_114_4 + y * (0.074_261 - y * 0.018_729_3));
+    let angle = (1.0 - y).sqrt() * series;
+    if x < 0.0 {
+        std::f32::consts::PI - angle
+    } else {
+        angle
+    }
+}
+
+/// cos for x from 0 to pi, as the sine of what is missing to a quarter turn, by its series, to 4e-6.
+#[inline(always)]
+pub fn cos(x: f32) -> f32 {
+    let t = std::f32::consts::FRAC_PI_2 - x;
+    let t2 = t * t;
+    t * (1.0 - t2 / 6.0 * (1.0 - t2 / 20.0 * (1.0 - t2 / 42.0 * (1.0 - t2 / 72.0))))
+}

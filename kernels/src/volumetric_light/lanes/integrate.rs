@@ -1,7 +1,7 @@
 //! Panels of nodes along sixteen stretches, and the sums over them.
 
 use super::functions::{exp, further, ln_1p};
-use super::{Batch, Group, OPAQUE, SHAPED_WIDTH, Setup};
+use super::{Batch, Group, NEARBY_WIDTH, OPAQUE, SHAPED_WIDTH, Setup};
 use crate::rays::lanes::{LANES, Lanes, Simd, Work};
 use crate::volumetric_light::integral::{PANEL_DEPTH, PANEL_WIDTH};
 use crate::volumetric_light::source::Profile;
@@ -43,7 +43,7 @@ impl Integrate<'_> {
     }
 
     #[inline(always)]
-    fn panels(&self, group: &Group) -> Panels {
+    fn panels(&self, group: &Group, widest: f32) -> Panels {
         let (setup, b) = (self.setup, self.batch);
         let mut panels = Panels {
             start: [0.0; LANES],
@@ -63,11 +63,6 @@ impl Integrate<'_> {
         };
         let peak = if setup.anisotropy > 0.0 { setup.peak } else { 1.0 };
         let mut most = [1.0f32; LANES];
-        let widest = if setup.profile == Profile::Uniform {
-            PANEL_WIDTH as f32
-        } else {
-            SHAPED_WIDTH
-        };
         for (i, most) in most.iter_mut().enumerate() {
             let h = b.height[i];
             let (tau0, tau1) = (b.tau[i], b.tau[i] + b.length[i]);
@@ -109,7 +104,12 @@ impl Integrate<'_> {
         group: &Group,
         sums: &mut [Lanes; 3],
     ) {
-        let panels = self.panels(group);
+        let widest = match (SHAPED, NEARBY) {
+            (false, _) => PANEL_WIDTH as f32,
+            (true, false) => SHAPED_WIDTH,
+            (true, true) => NEARBY_WIDTH,
+        };
+        let panels = self.panels(group, widest);
         let evaluated = &group.channels[..if group.is_grey { 1 } else { group.channels.len() }];
         let (mut start, mut before, mut slope) = (panels.start, [0.0f32; LANES], [0.0f32; LANES]);
         for _ in 0..panels.count {

@@ -5,7 +5,7 @@ use super::integrate::Integrate;
 use super::{Batch, PER_SPHERE, Setup};
 use crate::rays::lanes::{LANES, Lanes, Simd, Work};
 use crate::volumetric_light::rays::Lattice;
-use crate::volumetric_light::source::{CLOSEST_SHARE, Source};
+use crate::volumetric_light::source::{CLOSEST, CLOSEST_SHARE, Source};
 
 /// A row of a lattice whose rays all start at one eye, seen by a source that shines evenly and that nothing shadows.
 pub struct OpenRow<'a> {
@@ -29,6 +29,7 @@ impl Work for OpenRow<'_> {
         let right = single(lattice.right);
         let from_light = single(std::array::from_fn(|i| lattice.eye[i] - self.source.position[i]));
         let away = from_light.iter().map(|x| x * x).sum::<f32>().sqrt();
+        let closest = CLOSEST.max(CLOSEST_SHARE * (away + self.setup.radius));
         let near = lattice.near as f32;
         let distant = self.source.distant;
         let axis = single(self.source.axis);
@@ -71,7 +72,7 @@ impl Work for OpenRow<'_> {
                     let wants_small = (along < 0.0) == (self.setup.anisotropy >= 0.0);
                     turn[i] = if wants_small { small } else { 1.0 - small };
                 } else {
-                    batch.height[i] = square.sqrt().max(CLOSEST_SHARE * away).max(1e-18);
+                    batch.height[i] = square.sqrt().max(closest);
                     batch.tau[i] = start + along;
                     let tau = batch.tau[i];
                     batch.travelled[i] = (batch.height[i] * batch.height[i] + tau * tau).sqrt();
