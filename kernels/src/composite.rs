@@ -154,10 +154,9 @@ fn image<'a>(array: &'a PyReadonlyArrayDyn<'_, f32>, [height, width]: [usize; 2]
     let values = array.as_slice()?;
     match *array.shape() {
         [h, w] if [h, w] == [height, width] => Ok(Image::Grey(values)),
+        [h, w, 3] if [h, w] == [height, width] => Ok(Image::Light(values.as_chunks::<3>().0)),
         [h, w, 4] if [h, w] == [height, width] => Ok(Image::Colour(values.as_chunks::<4>().0)),
-        _ => Err(PyValueError::new_err(
-            "images are (h, w) or (h, w, 4), as albedo is",
-        )),
+        _ => Err(PyValueError::new_err("images are (h, w[, 3 or 4]), as albedo is")),
     }
 }
 
