@@ -2,7 +2,7 @@
 
 use super::fans::Directions;
 use super::{Builder, unit};
-use crate::topology::Topology;
+use crate::topology::{Edge, Topology};
 use crate::vector::{Vec3, add, cross, dot, scale, sub};
 use std::f64::consts::PI;
 
@@ -33,25 +33,37 @@ enum Looks {
 /// A direction, and where it takes a vertex.
 type Moved = (Vec3, Vec3);
 
-/// The end of a strip at a welded vertex.
-struct End {
+/// How a strip turns at a welded vertex where it ends: from one direction to another, at a border round its outside.
+struct Turn {
     vertex: u32,
-    arc: Vec<Moved>,
-    /// The middle of what it passes.
-    middle: Vec3,
+    from: Vec3,
+    via: Option<Vec3>,
+    to: Vec3,
+}
+
+impl Turn {
+    fn middle(&self) -> Vec3 {
+        self.via.or(unit(add(self.from, self.to))).unwrap_or(self.from)
+    }
 }
 
 impl Builder<'_> {
-    /// Which way a vertex and a direction at a time look, and so all that lies between: what faces away at all of
-    /// them does so in sums of them.
-    fn looks(&self, ends: impl IntoIterator<Item = (u32, Vec3)>) -> Looks {
+    /// Whether no piece with this direction at a vertex faces away. Pieces are asked once they have moved, which turns
+    /// them away by so much at most, or by twice that in sums.
+    fn faces_eye(&self, vertex: u32, direction: Vec3) -> bool {
+        let reach = self.eye.reach(self.width, &self.places[vertex as usize]);
+        self.eye.facing(self.point(vertex), direction) < -2.0 * reach
+    }
+
+    /// Which way a strip looks by its ends, and so all that lies between: what faces away at all of them does so in
+    /// sums of them.
+    fn looks(&self, strip: &[Turn; 2]) -> Looks {
         let (mut is_front, mut is_away) = (true, true);
-        for (vertex, direction) in ends {
-            let facing = self.eye.facing(self.point(vertex), direction);
-            is_away &= facing >= 0.0;
-            // Pieces are asked once they have moved, which turns them away by so much at most, or by twice that in sums.
-            let place = &self.places[vertex as usize];
-            is_front &= facing < -2.0 * self.eye.reach(self.width, place);
+        for turn in strip {
+            for direction in [Some(turn.from), turn.via, Some(turn.to)].into_iter().flatten() {
+                is_away &= self.eye.facing(self.point(turn.vertex), direction) >= 0.0;
+                is_front &= self.faces_eye(turn.vertex, direction);
+            }
         }
         match (is_front, is_away) {
             (true, _) => Looks::Front,
@@ -60,14 +72,21 @@ impl Builder<'_> {
         }
     }
 
-    /// The largest angle between two directions of a strip between these vertices: where no outline is seen of it,
-    /// one flat piece closes the hull as well.
-    fn strip_angle(&self, ends: [u32; 2], looks: Looks) -> f64 {
-        if looks != Looks::Turning {
-            return PI;
-        }
+    /// The largest angle between two directions at these vertices, where an outline may be seen.
+    fn strip_angle(&self, ends: [u32; 2]) -> f64 {
         let [a, b] = ends.map(|v| self.eye.strip_angle(self.width, &self.places[v as usize]));
         a.min(b)
+    }
+
+    /// What a strip passes at its end.
+    fn passed(&self, turn: &Turn, largest: f64) -> Vec<Moved> {
+        let Some(via) = turn.via else {
+            return self.arc(turn.vertex, turn.from, turn.to, largest);
+        };
+        let mut arc = self.arc(turn.vertex, turn.from, via, largest);
+        arc.pop();
+        arc.extend(self.arc(turn.vertex, via, turn.to, largest));
+        arc
     }
 
     /// From one direction to another, at most `largest` radians at a time.
@@ -100,84 +119,110 @@ pub fn round_edges(
     directions: &Directions,
     builder: &mut Builder,
 ) {
-    let mut meetings: Vec<End> = Vec::new();
-    for edge in &topology.edges {
-        let (a, k) = edge.first;
-        let [start, end] = [k, (k + 1) % 3].map(|k| topology.corners[a as usize][k as usize]);
-        let Some(n) = normals[a as usize] else { continue };
-        let at = |t: u32, k: u8| directions.at(t as usize, k as usize);
-        let here = [at(a, k), at(a, (k + 1) % 3)];
-        let second = edge.second.filter(|(b, _)| normals[*b as usize].is_some());
-        let (looks, [first, second]) = match second {
-            Some((b, l)) if topology.corners[b as usize][l as usize] != start => {
-                let there = [at(b, (l + 1) % 3), at(b, l)];
-                if here == there {
-                    continue; // one surface
-                }
-                let opposite = topology.corners[b as usize][(l as usize + 2) % 3];
-                if dot(n, sub(builder.point(opposite), builder.point(start))) >= 0.0 {
-                    continue; // a valley, where the moved triangles overlap
-                }
-                let both = [(start, here[0], there[0]), (end, here[1], there[1])];
-                let looks = builder.looks(both.iter().flat_map(|(v, from, to)| [(*v, *from), (*v, *to)]));
-                let largest = builder.strip_angle([start, end], looks);
-                let ends = both.map(|(vertex, from, to)| End {
-                    vertex,
-                    arc: builder.arc(vertex, from, to, largest),
-                    middle: unit(add(from, to)).unwrap_or(from),
-                });
-                (looks, ends)
-            }
-            _ => {
-                let along = sub(builder.point(end), builder.point(start));
-                let inner = topology.corners[a as usize][(k as usize + 2) % 3];
-                let Some(out) = outward(along, n, sub(builder.point(inner), builder.point(start))) else {
-                    continue;
-                };
-                // From one side of the sheet to the other: its outline is always seen.
-                let largest = builder.strip_angle([start, end], Looks::Turning);
-                let ends = [(start, here[0]), (end, here[1])].map(|(vertex, n)| {
-                    let out = unit(sub(out, scale(n, dot(n, out)))).unwrap_or(out);
-                    let mut both = builder.arc(vertex, n, out, largest);
-                    both.pop();
-                    both.extend(builder.arc(vertex, out, scale(n, -1.0), largest));
-                    End {
-                        vertex,
-                        arc: both,
-                        middle: out,
-                    }
-                });
-                (Looks::Turning, ends)
-            }
-        };
-        if looks != Looks::Front {
-            builder.strip([start, end], [&first.arc, &second.arc]);
+    let strips: Vec<([Turn; 2], Looks)> = topology
+        .edges
+        .iter()
+        .filter_map(|edge| turns(edge, topology, normals, directions, builder))
+        .map(|strip| {
+            let looks = builder.looks(&strip);
+            (strip, looks)
+        })
+        .collect();
+    // Where an outline may be seen of anything that meets at a vertex, all of it is round there. Elsewhere flat pieces
+    // close the hull as well.
+    let mut vertices: Vec<Option<Looks>> = vec![None; builder.places.len()];
+    for (strip, looks) in &strips {
+        for turn in strip {
+            let known = &mut vertices[turn.vertex as usize];
+            *known = Some(known.map_or(
+                *looks,
+                |known| if known == *looks { known } else { Looks::Turning },
+            ));
         }
-        meetings.extend([first, second]);
     }
-    meetings.sort_by_key(|end| end.vertex);
-    for ends in meetings.chunk_by(|a, b| a.vertex == b.vertex) {
-        patch(ends, builder);
+    let is_round = |vertex: u32| vertices[vertex as usize] == Some(Looks::Turning);
+    let mut meetings: Vec<(&Turn, Vec<Moved>)> = Vec::with_capacity(2 * strips.len());
+    for (strip, looks) in &strips {
+        let ends = [strip[0].vertex, strip[1].vertex];
+        let largest = builder.strip_angle(ends);
+        let arcs = [0, 1].map(|end| {
+            let largest = if is_round(ends[end]) { largest } else { PI };
+            builder.passed(&strip[end], largest)
+        });
+        if *looks != Looks::Front {
+            builder.strip(ends, [&arcs[0], &arcs[1]]);
+        }
+        meetings.extend(strip.iter().zip(arcs));
+    }
+    meetings.sort_by_key(|(turn, _)| turn.vertex);
+    for ends in meetings.chunk_by(|a, b| a.0.vertex == b.0.vertex) {
+        let vertex = ends[0].0.vertex;
+        if ends.len() > 1 && vertices[vertex as usize] != Some(Looks::Front) {
+            let largest = if is_round(vertex) {
+                builder.strip_angle([vertex; 2])
+            } else {
+                PI
+            };
+            patch(vertex, ends, largest, builder);
+        }
     }
 }
 
-/// The part of a sphere between the strips that end at a vertex.
-fn patch(ends: &[End], builder: &mut Builder) {
-    let vertex = ends[0].vertex;
-    let Some(middle) = unit(ends.iter().fold([0.0; 3], |sum, end| add(sum, end.middle))) else {
-        return;
+/// How the strip along an edge turns at its two ends; None where the surface is smooth or a valley.
+fn turns(
+    edge: &Edge,
+    topology: &Topology,
+    normals: &[Option<Vec3>],
+    directions: &Directions,
+    builder: &Builder,
+) -> Option<[Turn; 2]> {
+    let (a, k) = edge.first;
+    let [start, end] = [k, (k + 1) % 3].map(|k| topology.corners[a as usize][k as usize]);
+    let n = normals[a as usize]?;
+    let at = |t: u32, k: u8| directions.at(t as usize, k as usize);
+    let here = [at(a, k), at(a, (k + 1) % 3)];
+    let opposite = |(t, k): (u32, u8)| {
+        let vertex = topology.corners[t as usize][(k as usize + 2) % 3];
+        sub(builder.point(vertex), builder.point(start))
     };
-    if ends.len() < 2 {
-        return;
+    let second = edge.second.filter(|(b, _)| normals[*b as usize].is_some());
+    if let Some((b, l)) = second
+        && topology.corners[b as usize][l as usize] != start
+    {
+        let there = [at(b, (l + 1) % 3), at(b, l)];
+        // One surface, or a valley, where the moved triangles overlap.
+        let is_sharp = here != there && dot(n, opposite((b, l))) < 0.0;
+        let turn = |vertex, from, to| Turn {
+            vertex,
+            from,
+            via: None,
+            to,
+        };
+        return is_sharp.then(|| [turn(start, here[0], there[0]), turn(end, here[1], there[1])]);
     }
-    let looks = |builder: &Builder, ends: &[End]| {
-        let ways = ends.iter().flat_map(|end| &end.arc).map(|&(way, _)| way);
-        builder.looks(ways.chain([middle]).map(|way| (vertex, way)))
+    let along = sub(builder.point(end), builder.point(start));
+    let out = outward(along, n, opposite((a, k)))?;
+    let turn = |vertex, n| Turn {
+        vertex,
+        from: n,
+        via: Some(unit(sub(out, scale(n, dot(n, out)))).unwrap_or(out)),
+        to: scale(n, -1.0),
     };
-    let largest = builder.strip_angle([vertex; 2], looks(builder, ends));
+    Some([turn(start, here[0]), turn(end, here[1])])
+}
+
+/// The part of a sphere between the strips that end at a vertex.
+fn patch(vertex: u32, ends: &[(&Turn, Vec<Moved>)], largest: f64, builder: &mut Builder) {
+    let Some(middle) = unit(
+        ends.iter()
+            .fold([0.0; 3], |sum, (turn, _)| add(sum, turn.middle())),
+    ) else {
+        return;
+    };
     let start = (middle, builder.moved(vertex, middle));
-    for end in ends {
-        if looks(builder, std::slice::from_ref(end)) == Looks::Front {
+    for (_, arc) in ends {
+        let mut ways = arc.iter().map(|&(way, _)| way).chain([middle]);
+        if ways.all(|way| builder.faces_eye(vertex, way)) {
             continue;
         }
         // From the corner's middle out to the strip's end.
@@ -185,7 +230,7 @@ fn patch(ends: &[End], builder: &mut Builder) {
             let inner = between(middle, tip.0, largest).map(|way| (way, builder.moved(vertex, way)));
             [start].into_iter().chain(inner).chain([tip]).collect()
         };
-        let rays: Vec<Vec<Moved>> = end.arc.iter().map(ray).collect();
+        let rays: Vec<Vec<Moved>> = arc.iter().map(ray).collect();
         for pair in rays.windows(2) {
             builder.strip([vertex; 2], [&pair[0], &pair[1]]);
         }
