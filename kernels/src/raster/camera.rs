@@ -183,13 +183,9 @@ impl Camera {
         if self.orthographic {
             return forward.map(|x| [x; WIDE]);
         }
-        let y = self.first[1] + pixels.y as f64 * self.step[1];
-        std::array::from_fn(|k| {
-            std::array::from_fn(|l| {
-                let x = self.first[0] + (pixels.x + l) as f64 * self.step[0];
-                (right[k] * x + up[k] * y) + forward[k]
-            })
-        })
+        let x = pixels.affine([self.first[0], self.step[0], 0.0]);
+        let y = pixels.affine([self.first[1], 0.0, self.step[1]]);
+        std::array::from_fn(|k| std::array::from_fn(|l| (right[k] * x[l] + up[k] * y[l]) + forward[k]))
     }
 
     pub fn ray(&self, x: usize, y: usize) -> Ray {

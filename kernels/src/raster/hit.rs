@@ -55,6 +55,8 @@ impl<'a> Finder<'a> {
             sides,
             meeting: meeting(self.camera, corners[0], sides),
             normal: normalised(to_eye.normal(winding_normal(local))),
+            corner_normals: (!mesh.corner_normals.is_empty())
+                .then(|| mesh.triangles[triangle].map(|c| mesh.corner_normals[c as usize].map(f64::from))),
         }
     }
 
@@ -64,17 +66,14 @@ impl<'a> Finder<'a> {
         let hit = self.find(id);
         let cutout = &self.data.cutouts[hit.material() as usize];
         for (row, depths) in depths.0.as_chunks_mut::<WIDE>().0.iter_mut().enumerate() {
-            let pixels = Pixels {
-                x: pixel[0],
-                y: pixel[1] + row,
-                wanted: depths.map(f32::is_finite),
-            };
-            if pixels.wanted == [false; WIDE] {
+            let wanted = depths.map(f32::is_finite);
+            if wanted == [false; WIDE] {
                 continue;
             }
+            let pixels = Pixels::new([pixel[0], pixel[1] + row], wanted);
             let [u, v] = hit.uvs(&hit.weights(self.camera, pixels));
             for (l, depth) in depths.iter_mut().enumerate() {
-                if pixels.wanted[l] && !cutout.is_opaque([u[l] as f32, v[l] as f32]) {
+                if wanted[l] && !cutout.is_opaque([u[l] as f32, v[l] as f32]) {
                     *depth = f32::INFINITY;
                 }
             }
@@ -95,6 +94,8 @@ pub struct Hit<'a> {
     meeting: [Vec3; 3],
     /// Unit normal by the winding; None where the triangle has no area.
     normal: Option<Vec3>,
+    /// Shading normals of the corners, object space; None where the mesh is flat.
+    corner_normals: Option<[Vec3; 3]>,
 }
 
 fn normalised(v: Vec3) -> Option<Vec3> {
@@ -131,12 +132,34 @@ pub const WIDE: usize = BLOCK_WIDTH;
 pub type Wide = [f64; WIDE];
 pub type Wide3 = [Wide; 3];
 
-/// Neighbouring pixels, `x` to `x + WIDE - 1` of row `y`; what is `wanted` of them, the others may be anything.
+/// Neighbouring pixels of a row; what is `wanted` of them, the others may be anything.
 #[derive(Clone, Copy)]
 pub struct Pixels {
-    pub x: usize,
-    pub y: usize,
-    pub wanted: [bool; WIDE],
+    first: [usize; 2],
+    /// Column of each, and their row.
+    x: Wide,
+    y: f64,
+    wanted: [bool; WIDE],
+}
+
+impl Pixels {
+    /// From pixel `first` on to the right.
+    #[inline(always)]
+    pub fn new(first: [usize; 2], wanted: [bool; WIDE]) -> Self {
+        let x = first[0] as i32; // an image's side is below 2^15
+        Pixels {
+            first,
+            x: std::array::from_fn(|l| f64::from(x + l as i32)),
+            y: f64::from(first[1] as i32),
+            wanted,
+        }
+    }
+
+    /// What is affine over the image: its value at the corner, its change from column to column and from row to row.
+    #[inline(always)]
+    pub fn affine(&self, [at, dx, dy]: Vec3) -> Wide {
+        wide(|l| at + dx * self.x[l] + dy * self.y)
+    }
 }
 
 #[inline(always)]
@@ -166,10 +189,7 @@ impl Hit<'_> {
     /// gets the nearest point of the outline: weights never leave the triangle.
     #[inline(always)]
     pub fn weights(&self, camera: &Camera, pixels: Pixels) -> Wide3 {
-        let y = pixels.y as f64;
-        let [u, v, all] = self
-            .meeting
-            .map(|row| wide(|l| row[0] + row[1] * (pixels.x + l) as f64 + row[2] * y));
+        let [u, v, all] = self.meeting.map(|row| pixels.affine(row));
         let inverse = wide(|l| 1.0 / all[l]);
         let (u, v) = (wide(|l| u[l] * inverse[l]), wide(|l| v[l] * inverse[l]));
         let mut weights = [wide(|l| 1.0 - u[l] - v[l]), u, v];
@@ -180,7 +200,8 @@ impl Hit<'_> {
         });
         if inside != [true; WIDE] {
             for l in (0..WIDE).filter(|&l| pixels.wanted[l] && !inside[l]) {
-                let nearest = self.nearest_on_outline(camera, &camera.ray(pixels.x + l, pixels.y));
+                let nearest =
+                    self.nearest_on_outline(camera, &camera.ray(pixels.first[0] + l, pixels.first[1]));
                 for (weight, nearest) in weights.iter_mut().zip(nearest) {
                     weight[l] = nearest;
                 }
@@ -263,12 +284,10 @@ impl Hit<'_> {
             if along > 0.0 { -1.0 } else { 1.0 }
         });
         let geometric = winding.map(|x| wide(|l| x[l] * turn[l]));
-        if self.mesh.corner_normals.is_empty() {
+        let Some(corners) = self.corner_normals else {
             return [geometric, geometric];
-        }
-        let corners = self.mesh.triangles[self.triangle].map(|c| self.mesh.corner_normals[c as usize]);
-        let local: Wide3 =
-            std::array::from_fn(|k| wide_dot(corners.map(|corner| f64::from(corner[k])), weights));
+        };
+        let local: Wide3 = std::array::from_fn(|k| wide_dot(corners.map(|corner| corner[k]), weights));
         let turned = self.to_eye.cofactors.map(|row| {
             let of = wide_dot(row, &local);
             wide(|l| of[l] * turn[l])

@@ -95,11 +95,7 @@ pub fn shade(row: &mut Row, columns: Range<usize>, camera: &Camera, origin: [usi
     }
     for first in columns.clone().step_by(WIDE) {
         let count = WIDE.min(columns.end - first);
-        let pixels = Pixels {
-            x: origin[0] + first,
-            y: origin[1],
-            wanted: std::array::from_fn(|l| l < count),
-        };
+        let pixels = Pixels::new([origin[0] + first, origin[1]], std::array::from_fn(|l| l < count));
         let part = first..first + count;
         let weights = hit.weights(camera, pixels);
         if row.position.is_some() || row.depth.is_some() {
@@ -130,7 +126,8 @@ pub fn shade(row: &mut Row, columns: Range<usize>, camera: &Camera, origin: [usi
 /// Writes the first of some vectors.
 #[inline(always)]
 fn put<const N: usize>(image: &mut [[f32; N]], vectors: &[[f64; WIDE]; N]) {
+    let rounded = vectors.map(|axis| axis.map(|x| x as f32));
     for (l, pixel) in image.iter_mut().enumerate() {
-        *pixel = std::array::from_fn(|k| vectors[k][l] as f32);
+        *pixel = std::array::from_fn(|k| rounded[k][l]);
     }
 }
