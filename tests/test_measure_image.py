@@ -86,7 +86,7 @@ def test_the_few_brightest_pixels_are_measured_again_and_again():
     found = [layer.measured(2048, seed) for seed in range(16)]
     assert np.mean([each.value for each in found]) == pytest.approx(layer.error, rel=0.15)
     # Looked at once it would be seven times the error.
-    assert max(each.reference_noise for each in found) < 4.0 * layer.error
+    assert max(each.reference_noise for each in found) < 5.0 * layer.error
 
 
 def test_figures_of_masks_against_brute_force():

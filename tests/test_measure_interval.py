@@ -217,8 +217,8 @@ def test_same_seed_same_figures():
 def test_shared_looks():
     # No group is seen whole: no second looks.
     assert shared_looks(10, [100, 100], [100, 100], [1, 3], again=True) == [(2, 1), (7, 1)]
-    # Half of the looks are first ones; the others go to the group that is seen whole.
-    assert shared_looks(1000, [10, 5000], [10, 5000], [5000, 5000], again=True) == [(10, 51), (490, 1)]
+    # Three in four looks are first ones; the others go to the group that is seen whole.
+    assert shared_looks(1000, [10, 5000], [10, 5000], [5000, 5000], again=True) == [(10, 26), (740, 1)]
     assert shared_looks(4000, [10, 10], [10, 10], [1, 8], again=True) == [(10, 80), (10, 319)]
     assert shared_looks(4000, [10, 10], [10, 10], [1, 1], again=False) == [(10, 1), (10, 1)]
     # Pixels that were not kept are not seen.

@@ -183,13 +183,13 @@ def shared_looks(
     """Shares `total` looks of a reference out to groups: for each how many of its `sizes` pixels get any, and
     how many each of them gets.
 
-    Half of the looks are first ones, as `allot` has it, since what was never looked at widens the interval
-    most. If they may look `again`, and there are groups of which every pixel is seen, the other half takes
+    Three in four looks are first ones, as `allot` has it, since what was never looked at widens the interval
+    most. If they may look `again`, and there are groups of which every pixel is seen, the others take
     those pixels' noise off: in proportion to the power 2/3 of a pixel's wish, which is best where the noise
     of a square (Compared.square_variances) goes with the wish.
     """
     sizes, populations = np.asarray(sizes, np.int64), np.asarray(populations, np.int64)
-    counts = np.array(allot(total // 2 if again else total, sizes, wishes), np.int64)
+    counts = np.array(allot(total - total // 4 if again else total, sizes, wishes), np.int64)
     more = np.ones(len(counts), np.int64)
     whole = (counts == populations) & (populations > 0)
     if again and whole.any():

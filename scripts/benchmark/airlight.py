@@ -9,6 +9,9 @@ from strata.addon.bake import Options, bake
 
 from . import cycles
 
+LOOKS = 2
+"""Of each pixel by rays, on average."""
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -30,11 +33,16 @@ class Comparison:
         return low - self.cycles_noise <= self.error <= high + self.cycles_noise
 
 
+def by_rays(scene, size: tuple[int, int]) -> list:
+    """Layers of lights at default settings, their error measured in every pixel, in the brightest often."""
+    options = Options(("volumetric_light",), "cpu", samples=1, probes=LOOKS * size[0] * size[1])
+    baked = bake(scene, scene.view_layers[0], options, size=size)
+    return [layer for layer in baked.layers.layers if layer.light]
+
+
 def compare_all(scene, samples: int, size: tuple[int, int], names=None) -> list[Comparison]:
     """Every light that has a layer, or those of `names`, at default settings against two renders each."""
-    options = Options(("volumetric_light",), "cpu", samples=1)
-    baked = bake(scene, scene.view_layers[0], options, size=size)
-    layers = {layer.light: layer for layer in baked.layers.layers if layer.light}
+    layers = {layer.light: layer for layer in by_rays(scene, size)}
     found = []
     for lamp in cycles.lamps(scene):
         if lamp.name in layers and (not names or lamp.name in names):

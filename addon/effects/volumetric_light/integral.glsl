@@ -68,7 +68,11 @@ vec3 near_group(Seen seen, float tau, float length_m, float travelled, float low
   float cosh0 = sqrt(1.0 + a0 * a0), cosh1 = sqrt(1.0 + a1 * a1);
   float width = log_1p((change / c) * (1.0 + (a0 + a1) / (cosh0 + cosh1)) / (a0 + cosh0));
   float turned = abs(params.extinction.w), widest = PANEL_WIDTH;
+#ifdef LOOKED_UP
+  bool nearby = false;  // as evaluate.rs, which takes moments there
+#else
   bool nearby = params.light.w > NEARBY * h;
+#endif
 #ifdef SPOT
   widest = nearby ? NEARBY_WIDTH : widest;
 #else

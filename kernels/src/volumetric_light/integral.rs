@@ -8,11 +8,13 @@
 //! smooth at a scale of about 1, whatever the numbers. Gauss-Legendre panels in y do the rest.
 
 use super::medium::Medium;
-use super::source::{Seen, Source};
+use super::source::{Profile, Seen, Source};
 
 /// Widest panel in y, and most extinction over a panel.
 pub const PANEL_WIDTH: f64 = 2.0;
 pub const PANEL_DEPTH: f64 = 6.0;
+/// Widest panel where the source's intensity varies along it too.
+const SHAPED_WIDTH: f64 = 1.0;
 /// Extinction after which nothing that follows counts.
 const OPAQUE: f64 = 40.0;
 const NODES: usize = 8;
@@ -159,10 +161,12 @@ pub fn near(
         let (a0, a1) = (s0 / c, (s0 + change) / c);
         let (cosh0, cosh1) = (1f64.hypot(a0), 1f64.hypot(a1));
         let width = ((change / c) * (a0 + a1) / (a1 * cosh0 + a0 * cosh1)).asinh();
-        let panels = (width / PANEL_WIDTH)
-            .max(high * change / PANEL_DEPTH)
-            .ceil()
-            .max(1.0);
+        let widest = if source.profile == Profile::Uniform {
+            PANEL_WIDTH
+        } else {
+            SHAPED_WIDTH
+        };
+        let panels = (width / widest).max(high * change / PANEL_DEPTH).ceil().max(1.0);
         let step = width / panels;
         for panel in 0..panels as usize {
             for &(place, weight) in &nodes {

@@ -5,6 +5,7 @@
 mod functions;
 mod integrate;
 mod light;
+mod nearby;
 mod open;
 
 pub use open::OpenRow;
@@ -19,6 +20,8 @@ use integrate::Integrate;
 const SHAPED_WIDTH: f32 = 0.6;
 /// The same where the source is so near that its size takes part in how a cone's edge looks.
 const NEARBY_WIDTH: f32 = 0.3;
+/// Nodes of a panel, at most.
+pub const MOST_NODES: usize = 32;
 /// Extinction after which nothing that follows counts in single precision.
 const OPAQUE: f32 = 20.0;
 
@@ -87,7 +90,7 @@ impl Setup {
             is_sphere: source.near == Near::Sphere,
             profile: source.profile,
             cone: cone.map(|x| x as f32),
-            nodes: gauss_legendre(order)
+            nodes: gauss_legendre(order.min(MOST_NODES))
                 .into_iter()
                 .map(|(place, weight)| (place as f32, weight as f32))
                 .collect(),

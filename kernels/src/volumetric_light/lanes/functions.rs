@@ -1,5 +1,15 @@
 //! Elementary functions of single precision that compilers can do sixteen of at once.
 
+#[inline(always)]
+pub fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+#[inline(always)]
+pub fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
 /// e^x for x <= 0, to 2 units in the last place; 0 below -87.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
@@ -43,17 +53,25 @@ pub fn sinh(x: f32) -> f32 {
     x * (1.0 + x2 / 6.0 * (1.0 + x2 / 20.0 * (1.0 + x2 / 42.0 * (1.0 + x2 / 72.0))))
 }
 
-/// From a panel's start, where z = c sinh(y) has the slope c cosh(y), further by d in y: what z grows by, and its
-/// slope there. sinh(y + d) - sinh(y) = 2 sinh(d / 2) cosh(y + d / 2), and cosh likewise.
+/// sinh(x) and cosh(x) - 1 for |x| <= 2: from a panel's start, where z = c sinh(y) has the slope c cosh(y), x further
+/// z has grown by z (cosh(x) - 1) + slope sinh(x), and the slope by slope (cosh(x) - 1) + z sinh(x).
 #[inline(always)]
-pub fn further(start: f32, slope: f32, d: f32) -> (f32, f32) {
-    let sinh = sinh(0.5 * d);
-    let cosh = (1.0 + sinh * sinh).sqrt();
-    let twice = 2.0 * sinh;
-    (
-        twice * (slope * cosh + start * sinh),
-        slope + twice * (slope * sinh + start * cosh),
-    )
+pub fn further(x: f32) -> (f32, f32) {
+    let half = sinh(0.5 * x);
+    let twice = 2.0 * half;
+    (twice * (1.0 + half * half).sqrt(), twice * half)
+}
+
+/// 1 / sqrt(x) for 1e-30 < x < 1e30, to 3 units in the last place: three of Newton's steps from a guess by halving the
+/// exponent (Lomont 2003). A third of the time of a root and a division, and the same on every processor.
+#[inline(always)]
+pub fn inverse_root(x: f32) -> f32 {
+    let half = 0.5 * x;
+    let mut y = f32::from_bits(0x5f37_5a86 - (x.to_bits() >> 1));
+    for _ in 0..3 {
+        y *= 1.5 - half * y * y;
+    }
+    y
 }
 
 /// acos for |x| <= 1, to 7e-5 (Abramowitz and Stegun 4.4.45).

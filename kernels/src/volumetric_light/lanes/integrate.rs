@@ -1,7 +1,7 @@
 //! Panels of nodes along sixteen stretches, and the sums over them.
 
-use super::functions::{exp, further, ln_1p};
-use super::{Batch, Group, NEARBY_WIDTH, OPAQUE, SHAPED_WIDTH, Setup};
+use super::functions::{exp, further, larger, ln_1p, smaller};
+use super::{Batch, Group, MOST_NODES, NEARBY_WIDTH, OPAQUE, SHAPED_WIDTH, Setup};
 use crate::rays::lanes::{LANES, Lanes, Simd, Work};
 use crate::volumetric_light::integral::{PANEL_DEPTH, PANEL_WIDTH};
 use crate::volumetric_light::source::Profile;
@@ -43,6 +43,7 @@ impl Integrate<'_> {
     }
 
     #[inline(always)]
+    #[allow(clippy::needless_range_loop)] // sixteen lanes go together
     fn panels(&self, group: &Group, widest: f32) -> Panels {
         let (setup, b) = (self.setup, self.batch);
         let mut panels = Panels {
@@ -62,21 +63,21 @@ impl Integrate<'_> {
             f32::MAX
         };
         let peak = if setup.anisotropy > 0.0 { setup.peak } else { 1.0 };
+        let near = if setup.radius > 0.0 { setup.near } else { f32::MAX };
         let mut most = [1.0f32; LANES];
-        for (i, most) in most.iter_mut().enumerate() {
+        // Only selections, no branches nor `min`, so that the lanes go together.
+        for i in 0..LANES {
             let h = b.height[i];
             let (tau0, tau1) = (b.tau[i], b.tau[i] + b.length[i]);
             let (d0, d1) = ((h * h + tau0 * tau0).sqrt(), (h * h + tau1 * tau1).sqrt());
             let (sum0, sum1) = (d0 + tau0.abs(), d1 + tau1.abs());
-            let (over0, under0) = if tau0 > 0.0 { (sum0, h) } else { (h, sum0) };
-            let (over1, under1) = if tau1 > 0.0 { (sum1, h) } else { (h, sum1) };
-            let (z0, z1) = (over0 / under0, over1 / under1);
             let per_height = 1.0 / h;
-            let change = b.length[i] * ((z0 + z1) / (d0 + d1));
-            let limit = longest * per_height;
-            let change = if change < limit { change } else { limit };
-            let near = if setup.radius > 0.0 { h * setup.near } else { 1.0 };
-            let c = peak.min(near).min(free_path * per_height);
+            let (z0, z1) = (
+                if tau0 > 0.0 { sum0 * per_height } else { h / sum0 },
+                if tau1 > 0.0 { sum1 * per_height } else { h / sum1 },
+            );
+            let change = smaller(b.length[i] * ((z0 + z1) / (d0 + d1)), longest * per_height);
+            let c = smaller(smaller(peak, h * near), free_path * per_height);
             let per_scale = 1.0 / c;
             let (a0, a1) = (z0 * per_scale, (z0 + change) * per_scale);
             let (cosh0, cosh1) = ((1.0 + a0 * a0).sqrt(), (1.0 + a1 * a1).sqrt());
@@ -87,8 +88,7 @@ impl Integrate<'_> {
             panels.start[i] = z0;
             panels.scale[i] = c;
             panels.step[i] = width;
-            let (wide, deep) = (width / widest, group.high * h * change / PANEL_DEPTH as f32);
-            *most = if wide > deep { wide } else { deep };
+            most[i] = larger(width / widest, group.high * h * change / PANEL_DEPTH as f32);
         }
         let most = most.iter().fold(1.0f32, |a, &b| if b > a { b } else { a });
         panels.count = (most.ceil() as usize).clamp(1, 4096);
@@ -111,20 +111,35 @@ impl Integrate<'_> {
         };
         let panels = self.panels(group, widest);
         let evaluated = &group.channels[..if group.is_grey { 1 } else { group.channels.len() }];
+        // All panels of a stretch are as wide: how far the nodes, and the end, lie from a panel's start.
+        let mut places = [[[0.0f32; LANES]; 2]; MOST_NODES + 1];
+        let nodes = &self.setup.nodes;
+        for (place, at) in nodes.iter().map(|node| node.0).chain([1.0]).zip(&mut places) {
+            let [sinh, cosh_less_1] = at;
+            for i in 0..LANES {
+                (sinh[i], cosh_less_1[i]) = further(panels.step[i] * place);
+            }
+        }
         let (mut start, mut before, mut slope) = (panels.start, [0.0f32; LANES], [0.0f32; LANES]);
         for _ in 0..panels.count {
             for i in 0..LANES {
                 slope[i] = (panels.scale[i] * panels.scale[i] + start[i] * start[i]).sqrt();
             }
-            for &(place, weight) in &self.setup.nodes {
-                let mut values = [0.0f32; LANES];
-                let mut depths = [0.0f32; LANES];
+            for (&(_, weight), [sinh, cosh_less_1]) in nodes.iter().zip(&places) {
+                let (mut values, mut depths, mut z) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
                 for i in 0..LANES {
-                    let (grown, sloped) = further(start[i], slope[i], panels.step[i] * place);
-                    values[i] = self.value::<SHAPED, TURNED, NEARBY>(i, start[i] + grown)
-                        * sloped
-                        * (weight * panels.step[i]);
+                    let grown = start[i] * cosh_less_1[i] + slope[i] * sinh[i];
+                    let sloped = slope[i] + slope[i] * cosh_less_1[i] + start[i] * sinh[i];
+                    z[i] = start[i] + grown;
+                    values[i] =
+                        self.value::<SHAPED, TURNED, NEARBY>(i, z[i]) * sloped * (weight * panels.step[i]);
                     depths[i] = (before[i] + grown) * self.batch.height[i];
+                }
+                if NEARBY {
+                    let shares = self.nearby::<SHAPED>(&z);
+                    for i in 0..LANES {
+                        values[i] *= shares[i];
+                    }
                 }
                 for &c in evaluated {
                     let extinction = group.extinction[c];
@@ -134,9 +149,9 @@ impl Integrate<'_> {
                     }
                 }
             }
+            let [sinh, cosh_less_1] = &places[nodes.len()];
             for i in 0..LANES {
-                let (grown, _) = further(start[i], slope[i], panels.step[i]);
-                before[i] += grown;
+                before[i] += start[i] * cosh_less_1[i] + slope[i] * sinh[i];
                 start[i] = panels.start[i] + before[i];
             }
         }

@@ -1,6 +1,6 @@
 //! A row of rays from one eye to a source that nothing shadows: no intervals to look for.
 
-use super::functions::exp;
+use super::functions::{exp, larger, smaller};
 use super::integrate::Integrate;
 use super::{Batch, PER_SPHERE, Setup};
 use crate::rays::lanes::{LANES, Lanes, Simd, Work};
@@ -17,22 +17,87 @@ pub struct OpenRow<'a> {
     pub image: &'a mut [[f32; 3]],
 }
 
+/// What the rays of a row have in common, in single precision.
+struct Common {
+    /// Of the direction before its length is made 1, by column: base + a right.
+    base: [f32; 3],
+    right: [f32; 3],
+    step: f32,
+    near: f32,
+    /// From the source to the eye; of a distant source where its light goes.
+    light: [f32; 3],
+    closest: f32,
+    /// Whether light mostly goes on.
+    forwards: bool,
+}
+
+impl Common {
+    /// Sixteen rays from column slope `first` on, which end at the depths `ends`; of a distant source, the phase
+    /// function's argument in `tau`.
+    #[inline(always)]
+    fn rays<const DISTANT: bool>(&self, first: f32, ends: &Lanes, batch: &mut Batch) {
+        let (base, right, v) = (self.base, self.right, self.light);
+        for i in 0..LANES {
+            let a = first + i as f32 * self.step;
+            let d = [
+                base[0] + a * right[0],
+                base[1] + a * right[1],
+                base[2] + a * right[2],
+            ];
+            let per_depth = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+            let unit = 1.0 / per_depth;
+            let d = [d[0] * unit, d[1] * unit, d[2] * unit];
+            let cross = [
+                v[1] * d[2] - v[2] * d[1],
+                v[2] * d[0] - v[0] * d[2],
+                v[0] * d[1] - v[1] * d[0],
+            ];
+            let square = cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2];
+            let along = v[0] * d[0] + v[1] * d[1] + v[2] * d[2];
+            let start = self.near * per_depth;
+            batch.length[i] = larger(smaller(ends[i], 1e15) * per_depth - start, 0.0);
+            if DISTANT {
+                // (1 - cos) / 2 with cos = -along, or (1 + cos) / 2 for backward phases.
+                let small = 0.5 * square / (1.0 + along.abs());
+                batch.tau[i] = if (along < 0.0) == self.forwards {
+                    small
+                } else {
+                    1.0 - small
+                };
+            } else {
+                let (height, tau) = (larger(square.sqrt(), self.closest), start + along);
+                batch.height[i] = height;
+                batch.tau[i] = tau;
+                batch.travelled[i] = (height * height + tau * tau).sqrt();
+            }
+        }
+    }
+}
+
 impl Work for OpenRow<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
-        let lattice = self.lattice;
+        let (lattice, setup) = (self.lattice, self.setup);
         let single = |v: [f64; 3]| v.map(|x| x as f32);
         let rows = lattice.first[1] + self.y as f64 * lattice.step[1];
-        let base = single(std::array::from_fn(|i| lattice.forward[i] + rows * lattice.up[i]));
-        let right = single(lattice.right);
+        let distant = self.source.distant;
         let from_light = single(std::array::from_fn(|i| lattice.eye[i] - self.source.position[i]));
         let away = from_light.iter().map(|x| x * x).sum::<f32>().sqrt();
-        let closest = CLOSEST.max(CLOSEST_SHARE * (away + self.setup.radius));
-        let near = lattice.near as f32;
-        let distant = self.source.distant;
-        let axis = single(self.source.axis);
+        let common = Common {
+            base: single(std::array::from_fn(|i| lattice.forward[i] + rows * lattice.up[i])),
+            right: single(lattice.right),
+            step: lattice.step[0] as f32,
+            near: lattice.near as f32,
+            light: if distant {
+                single(self.source.axis)
+            } else {
+                from_light
+            },
+            closest: CLOSEST.max(CLOSEST_SHARE * (away + setup.radius)),
+            forwards: setup.anisotropy >= 0.0,
+        };
         let mut batch = Batch::default();
         for (block, (depths, pixels)) in self
             .depths
@@ -43,45 +108,11 @@ impl Work for OpenRow<'_> {
             let mut ends = [0.0f32; LANES];
             ends[..depths.len()].copy_from_slice(depths);
             let first = (lattice.first[0] + (block * LANES) as f64 * lattice.step[0]) as f32;
-            let step = lattice.step[0] as f32;
-            let mut turn = [0.0f32; LANES];
-            for i in 0..LANES {
-                let a = first + i as f32 * step;
-                let d: [f32; 3] = [
-                    base[0] + a * right[0],
-                    base[1] + a * right[1],
-                    base[2] + a * right[2],
-                ];
-                let per_depth = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
-                let unit = 1.0 / per_depth;
-                let d = [d[0] * unit, d[1] * unit, d[2] * unit];
-                let v = if distant { axis } else { from_light };
-                let cross = [
-                    v[1] * d[2] - v[2] * d[1],
-                    v[2] * d[0] - v[0] * d[2],
-                    v[0] * d[1] - v[1] * d[0],
-                ];
-                let square = cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2];
-                let along = v[0] * d[0] + v[1] * d[1] + v[2] * d[2];
-                let start = near * per_depth;
-                let length = (ends[i].min(1e15) * per_depth - start).max(0.0);
-                batch.length[i] = length;
-                if distant {
-                    // (1 - cos) / 2 with cos = -along, or (1 + cos) / 2 for backward phases.
-                    let small = 0.5 * square / (1.0 + along.abs());
-                    let wants_small = (along < 0.0) == (self.setup.anisotropy >= 0.0);
-                    turn[i] = if wants_small { small } else { 1.0 - small };
-                } else {
-                    batch.height[i] = square.sqrt().max(closest);
-                    batch.tau[i] = start + along;
-                    let tau = batch.tau[i];
-                    batch.travelled[i] = (batch.height[i] * batch.height[i] + tau * tau).sqrt();
-                }
-            }
             let sums = if distant {
-                self.setup.distant(&turn, &batch.length)
+                common.rays::<true>(first, &ends, &mut batch);
+                setup.distant(&batch.tau, &batch.length)
             } else {
-                let setup = self.setup;
+                common.rays::<false>(first, &ends, &mut batch);
                 Integrate { setup, batch: &batch }.run(simd)
             };
             for (i, pixel) in pixels.iter_mut().enumerate() {
