@@ -35,6 +35,7 @@ impl Common {
     /// Sixteen rays from column slope `first` on, which end at the depths `ends`; of a distant source, the phase
     /// function's argument in `tau`.
     #[inline(always)]
+    #[allow(clippy::needless_range_loop)] // sixteen lanes go together
     fn rays<const DISTANT: bool>(&self, first: f32, ends: &Lanes, batch: &mut Batch) {
         let (base, right, v) = (self.base, self.right, self.light);
         for i in 0..LANES {
