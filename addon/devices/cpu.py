@@ -28,6 +28,23 @@ def triangulate(mesh: MeshArrays) -> tuple[np.ndarray, np.ndarray]:
     return strata_kernels.triangulate(mesh.positions, mesh.corner_vertices, mesh.face_starts)
 
 
+def extent(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Low and high corner, float64, of the box around (N, 3) float32; NaN where any is not finite."""
+    low, high = strata_kernels.extent(np.ascontiguousarray(points))
+    return np.array(low, np.float64), np.array(high, np.float64)
+
+
+def write_positions(positions: np.ndarray, centre: np.ndarray, rows: np.ndarray) -> None:
+    """(N, 3) float32 less a centre into `rows` (N, 4) float32."""
+    strata_kernels.position_rows(np.ascontiguousarray(positions), centre.astype(np.float32).tolist(), rows)
+
+
+def write_triangles(vertices: np.ndarray, order: np.ndarray | None, rows: np.ndarray) -> None:
+    """Vertices (T, 3) int32 and each triangle's number, its index if `order` is None, into `rows` (T, 4)
+    float32."""
+    strata_kernels.triangle_rows(np.ascontiguousarray(vertices, np.int32), order, rows)
+
+
 class CpuDevice:
     """Runs the Rust kernels; its values are numpy arrays and kernel handles."""
 

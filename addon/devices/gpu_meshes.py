@@ -70,16 +70,14 @@ class _Part:
     def write(self, name: str, rows: np.ndarray) -> None:
         """Its rows of a table into `rows` (N, columns) float32, all zero: straight into what is uploaded,
         since each copy takes about as long as the upload."""
-        import strata_kernels  # here, so that programs compile where there are no kernels
+        from . import cpu  # here, so that programs compile where there are no kernels
 
         mesh = self.mesh
-        # numpy takes five times as long for rows of three.
+        # By kernels, since numpy takes five times as long for rows of three.
         if name == "positions":
-            centre = self.centre.astype(np.float32)
-            strata_kernels.position_rows(np.ascontiguousarray(mesh.positions), centre.tolist(), rows)
+            cpu.write_positions(mesh.positions, self.centre, rows)
         elif name == "triangles":
-            vertices = np.ascontiguousarray(self.vertices, np.int32)
-            strata_kernels.triangle_rows(vertices, self.order, rows)
+            cpu.write_triangles(self.vertices, self.order, rows)
         else:
             values = getattr(mesh, name)
             if values is not None:
@@ -186,30 +184,24 @@ def _extent(positions: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np
     they hardly matter: to tell them takes longer than all else here."""
     if not len(vertices):
         return np.zeros(3), np.zeros(3)
-    low, high = _box(positions)
-    some_low, some_high = _box(positions[vertices[:: 1 + len(vertices) // 4096].reshape(-1)])
+    from .cpu import extent
+
+    low, high = extent(positions)
+    some_low, some_high = extent(positions[vertices[:: 1 + len(vertices) // 4096].reshape(-1)])
     if not (np.isfinite(high - low).all() and (high - low <= 2.0 * (some_high - some_low)).all()):
         is_used = np.zeros(len(positions), bool)
         is_used[vertices] = True
-        low, high = _box(positions[is_used])
+        low, high = extent(positions[is_used])
     return low, high
-
-
-def _box(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of (N, 3); NaN where any is not finite."""
-    import strata_kernels
-
-    low, high = strata_kernels.extent(np.ascontiguousarray(points))
-    return np.array(low, np.float64), np.array(high, np.float64)
 
 
 def _triangles_of(mesh: MeshArrays) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Corners (T, 3) and faces (T,) of triangles; None where the faces are triangles throughout."""
-    from .cpu import triangulate  # here, so that programs compile where there are no kernels
+    from .cpu import extent, triangulate
 
     starts = mesh.face_starts
     # A face with a vertex that is not finite is for the kernels to drop.
-    if np.isfinite(_box(mesh.positions)[0]).all() and np.array_equal(
+    if np.isfinite(extent(mesh.positions)[0]).all() and np.array_equal(
         starts, np.arange(0, 3 * len(starts), 3, dtype=starts.dtype)
     ):
         return None, None
