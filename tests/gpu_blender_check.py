@@ -1,6 +1,6 @@
 """Run inside a Blender program: draws and shadows what `inputs.npz` holds, and saves what came out.
 
-blender -b --gpu-backend vulkan --python tests/gpu_blender_check.py -- INPUTS.npz OUTPUTS.npz
+blender -b --gpu-backend vulkan --python tests/gpu_blender_check.py -- INPUTS.npz OUTPUTS.npz KERNELS
 """
 
 from __future__ import annotations
@@ -15,19 +15,12 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "scripts")]
 
 
-def triangles_only(positions, corner_vertices, face_starts):
-    """Stands for the kernels, which this Blender need not have: the check's meshes are triangles."""
-    count = len(face_starts) - 1
-    return np.arange(3 * count, dtype=np.int32).reshape(-1, 3), np.arange(count, dtype=np.int32)
-
-
-def main(source: str, target: str) -> None:
+def main(source: str, target: str, kernels: str) -> None:
+    """`kernels`: the folder that the kernels' package is in, which this Blender's Python does not know."""
     from compile_shaders import as_package
 
     as_package()
-    sys.modules.setdefault(
-        "strata_kernels", SimpleNamespace(triangulate=triangles_only, Cancelled=None, CancelFlag=None)
-    )
+    sys.path.append(kernels)
     from strata.addon.core.arrays import Arrays, Cutout, MeshArrays
     from strata.addon.core.emitter import Emitter, EmitterKind
     from strata.addon.core.surface import Chunk

@@ -4,10 +4,13 @@ OpenGL, the only backend of bpy as a module."""
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
+import strata_kernels
 from conftest import ROOT
 from gpu_scenes import bumpy_sheet, on_both, scene_of, share_beyond, triangle_mesh
 from strata.addon.core.emitter import Emitter, EmitterKind
@@ -80,7 +83,8 @@ def check_steps_agree_with_the_kernels(tmp_path):
         emitter=EMITTER.packed(),
         size=SIZE,
     )
-    blender(ROOT / "tests" / "gpu_blender_check.py", inputs, outputs)
+    shutil.copytree(Path(strata_kernels.__file__).parent, tmp_path / "strata_kernels")
+    blender(ROOT / "tests" / "gpu_blender_check.py", inputs, outputs, tmp_path)
     found = np.load(outputs)
     assert "VULKAN" in str(found["description"])
     # Whole chains: silhouettes move by 1/256 pixel, and a light sample more or less is 1/256.
