@@ -116,7 +116,7 @@ def window_text(found: dict, eevee: dict | None) -> str:
                 "scale",
                 "frame, ms",
                 "first full picture, s",
-                "all samples, s",
+                "two samples, s",
             ],
             others,
         ),

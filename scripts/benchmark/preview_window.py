@@ -168,6 +168,7 @@ def person(found):
         scene = bpy.context.scene
         for effect in ("soft_shadow", "volumetric_light", "toon"):
             getattr(scene.strata, effect).enabled = effect in effects
+        scene.strata.samples = 2
         scene.render.engine, space.shading.type = "STRATA", "RENDERED"
         yield 1.0
         yield from settled(preview, region)
