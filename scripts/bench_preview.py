@@ -84,7 +84,7 @@ def window_text(found: dict, eevee: dict | None) -> str:
         ]
         for name, each in found["others"].items()
     ]
-    ratios = [frame / steps for frame, steps, _ran in found["slider"]]
+    ratios = [frame / steps for frame, steps, _ran in found["slider"] if steps]
     lines = [
         f"{found['size'][0]}x{found['size'][1]} pixels without overlays and gizmos. In Solid shading Blender "
         f"alone draws {significant(found['alone'])} frames a second while nothing moves, and "
