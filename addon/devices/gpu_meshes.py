@@ -164,7 +164,10 @@ def _uploaded(device, name: str, parts: list[_Part]) -> GpuImage:
 
 def _part_of(mesh: MeshArrays) -> _Part:
     """Raises ValueError for a mesh that is too large."""
-    corners, faces = _triangles_of(mesh)
+    from .cpu import extent  # here, so that programs compile where there are no kernels
+
+    box = extent(mesh.positions)
+    corners, faces = _triangles_of(mesh, box)
     vertices = mesh.corner_vertices.reshape(-1, 3) if corners is None else mesh.corner_vertices[corners]
     if max(len(mesh.positions), len(vertices)) >= MOST_IN_A_MESH:
         raise ValueError(f"a mesh has more than {MOST_IN_A_MESH} vertices or triangles")
@@ -174,19 +177,21 @@ def _part_of(mesh: MeshArrays) -> _Part:
         order = np.argsort(slots, kind="stable")
         corners = order[:, None] * 3 + np.arange(3) if corners is None else corners[order]
         vertices, slots = vertices[order], slots[order]
-    low, high = _extent(mesh.positions, vertices)
+    low, high = _extent(mesh.positions, vertices, box)
     centre = (0.5 * low + 0.5 * high).astype(np.float32).astype(np.float64)
     return _Part(mesh, corners, vertices, slots, centre, low, high, order)
 
 
-def _extent(positions: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Low and high corner, float64, of a box around all triangles. Vertices that none uses count as long as
-    they hardly matter: to tell them takes longer than all else here."""
+def _extent(
+    positions: np.ndarray, vertices: np.ndarray, box: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Low and high corner, float64, of a box around all triangles; `box` is that of all positions. Vertices
+    that none uses count as long as they hardly matter: to tell them takes longer than all else here."""
     if not len(vertices):
         return np.zeros(3), np.zeros(3)
     from .cpu import extent
 
-    low, high = extent(positions)
+    low, high = box
     some_low, some_high = extent(positions[vertices[:: 1 + len(vertices) // 4096].reshape(-1)])
     if not (np.isfinite(high - low).all() and (high - low <= 2.0 * (some_high - some_low)).all()):
         is_used = np.zeros(len(positions), bool)
@@ -195,13 +200,15 @@ def _extent(positions: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np
     return low, high
 
 
-def _triangles_of(mesh: MeshArrays) -> tuple[np.ndarray | None, np.ndarray | None]:
+def _triangles_of(
+    mesh: MeshArrays, box: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Corners (T, 3) and faces (T,) of triangles; None where the faces are triangles throughout."""
-    from .cpu import extent, triangulate
+    from .cpu import triangulate
 
     starts = mesh.face_starts
     # A face with a vertex that is not finite is for the kernels to drop.
-    if np.isfinite(extent(mesh.positions)[0]).all() and np.array_equal(
+    if np.isfinite(box[0]).all() and np.array_equal(
         starts, np.arange(0, 3 * len(starts), 3, dtype=starts.dtype)
     ):
         return None, None
