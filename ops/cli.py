@@ -12,13 +12,14 @@ from functools import partial
 from typing import Any, TextIO
 
 from ..addon.core.effect import Effect
-from ..addon.core.errors import Cancelled, DeviceUnavailable, StrataError
+from ..addon.core.errors import Cancelled, StrataError, one_line
 from ..addon.core.params import plain
 from ..addon.effects.registry import EFFECTS
 from .arguments import build_parser, check_outputs, nested
 from .terminal import Interrupts, Progress, clean_stdout
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
+MOST_NAMED = 10  # of frames that failed
 
 
 def main(words: Sequence[str] | None = None, in_blender: bool = False) -> int:
@@ -27,15 +28,14 @@ def main(words: Sequence[str] | None = None, in_blender: bool = False) -> int:
         try:
             arguments = _parse(words, in_blender, out)
             return OK if arguments is None else _COMMANDS[arguments.command](arguments, out, interrupts)
-        except (StrataError, DeviceUnavailable, MemoryError) as error:
-            reason = "not enough memory" if isinstance(error, MemoryError) else error
-            print(f"strata: {' '.join(str(reason).split())}", file=sys.stderr)
-            return BAD_INPUT
         except BrokenPipeError:
             return OK
         except (KeyboardInterrupt, Cancelled):
             print("strata: interrupted", file=sys.stderr)
             return INTERRUPTED
+        except BaseException as error:  # a panic of the kernels is no Exception
+            print(f"strata: {one_line(error)}", file=sys.stderr)
+            return BAD_INPUT
 
 
 def blender_command(words: list[str]) -> int:
@@ -181,8 +181,20 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     _check_targets(arguments, frames)
     with _properties():
         chosen = _open(arguments, interrupts)
+        failed = []
         for frame in chosen.frames:
-            _bake_frame(arguments, chosen, frame, partial(options_of, **given), out, interrupts)
+            try:
+                _bake_frame(arguments, chosen, frame, partial(options_of, **given), out, interrupts)
+            except (KeyboardInterrupt, Cancelled, BrokenPipeError):
+                raise
+            except BaseException as error:
+                if len(chosen.frames) == 1:
+                    raise
+                print(f"strata: frame {frame}: {one_line(error)}", file=sys.stderr, flush=True)
+                failed.append(frame)
+    if failed:
+        which = ", ".join(map(str, failed[:MOST_NAMED])) + (", ..." if len(failed) > MOST_NAMED else "")
+        raise StrataError(f"{len(failed)} of {len(chosen.frames)} frames failed: {which}")
     return OK
 
 

@@ -1,0 +1,99 @@
+"""Whatever goes wrong is one line for a person, on every face, and costs nothing that did not go wrong."""
+
+from __future__ import annotations
+
+import os
+
+import bpy
+import pytest
+from conftest import SAMPLES
+from strata.addon.core.errors import TRACEBACK_FILE, StrataError, one_line
+from strata.addon.scene import scan
+from strata.ops.cli import main
+
+QUICK = ("--backend", "cpu", "--size", "32x18", "--samples", "1", "--probes", "0")
+
+
+def broken(*_args, **_kwargs):
+    raise ValueError("something\nnobody   foresaw")
+
+
+def raised(function) -> BaseException:
+    try:
+        function()
+    except BaseException as error:
+        return error
+    raise AssertionError("nothing was raised")
+
+
+# What the line says
+
+
+def test_a_foreseen_error_is_its_message():
+    assert one_line(StrataError("no camera\nhere")) == "no camera here"
+
+
+def test_an_unforeseen_error_says_what_and_where():
+    error = raised(lambda: scan.scan(None))
+    line = one_line(error)
+    assert line.startswith(f"Strata failed: {type(error).__name__}: ")
+    assert "(addon/scene/scan.py:" in line
+    assert "\n" not in line
+
+
+def test_an_error_without_words_and_one_outside_strata_have_a_line_too():
+    assert one_line(ValueError()) == "Strata failed: ValueError: no reason given (unknown place)"
+    assert "(test_failures.py:" in one_line(raised(broken))
+
+
+def test_the_traceback_is_kept_where_it_is_asked_for(monkeypatch, tmp_path):
+    monkeypatch.setenv(TRACEBACK_FILE, str(tmp_path / "log.txt"))
+    one_line(raised(broken))
+    one_line(StrataError("foreseen"))
+    one_line(raised(broken))
+    text = (tmp_path / "log.txt").read_text()
+    assert text.count("Traceback (most recent call last)") == 2
+    assert "in broken" in text
+    monkeypatch.setenv(TRACEBACK_FILE, str(tmp_path))  # a folder: no reason to fail once more
+    assert one_line(raised(broken))
+
+
+# The command line
+
+
+@pytest.fixture
+def sometimes_panoramic(tmp_path):
+    """A file of frames 1 to 4, whose camera is a panorama, which no bake can make, at frame 2."""
+    bpy.ops.wm.open_mainfile(filepath=str(SAMPLES / "plain.blend"))
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = 1, 4
+    camera = scene.camera.data
+    for frame, kind in ((1, "PERSP"), (2, "PANO"), (3, "PERSP")):
+        camera.type = kind
+        camera.keyframe_insert("type", frame=frame)
+    path = tmp_path / "sometimes.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+def test_a_frame_that_fails_does_not_cost_the_others(sometimes_panoramic, tmp_path, capfd):
+    out = tmp_path / "out"
+    out.mkdir()
+    words = ["bake", str(sometimes_panoramic), "-o", str(out / "f#.exr"), *QUICK, "--effects", "toon"]
+    assert main([*words, "--frames", "1-4", "--quiet"]) == 2
+    told = capfd.readouterr().err.splitlines()
+    assert sorted(os.listdir(out)) == ["f1.exr", "f3.exr", "f4.exr"]
+    assert len(told) == 2
+    assert told[0].startswith("strata: frame 2: ")
+    assert told[1] == "strata: 1 of 4 frames failed: 2"
+
+
+def test_the_command_line_tells_unforeseen_errors_in_one_line(monkeypatch, tmp_path, capfd):
+    from strata.addon import bake
+
+    monkeypatch.setattr(bake, "plan_scene", broken)
+    assert main(["bake", str(SAMPLES / "plain.blend"), "-o", str(tmp_path / "x.exr"), *QUICK]) == 2
+    out, err = capfd.readouterr()
+    assert (out, len(err.splitlines())) == ("", 1)
+    assert err.startswith("strata: Strata failed: ValueError: something nobody foresaw (addon/bake.py:")
+    assert os.listdir(tmp_path) == []
