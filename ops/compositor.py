@@ -50,6 +50,9 @@ class STRATA_OT_build_compositor(bpy.types.Operator):
             self.report(
                 {"WARNING"}, f"Not joined, as their lights are in no light group: {', '.join(built.apart)}"
             )
+        if built.unknown:
+            names = ", ".join(built.unknown)
+            self.report({"WARNING"}, f"Not joined, as no lamp of the scene has them: {names}")
         self.report({"INFO"}, f"Joined {len(built.joined)} shadows")
         return {"FINISHED"}
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from strata.addon.core.errors import StrataError
-from strata.addon.core.naming import LONGEST, layer_name
+from strata.addon.core.naming import LONGEST_LAMP, lamp_pass_name, layer_name
 from strata.addon.effects.registry import EFFECTS, effect_named
 from strata.addon.effects.soft_shadow.params import Method, SoftShadowParams
 from strata.addon.effects.toon.params import ToonParams
@@ -51,13 +51,13 @@ def test_an_unknown_effect_is_refused_by_name():
 
 
 def test_layer_names_have_no_dots_and_fit():
-    assert layer_name("Soft Shadow", "Key") == "Soft Shadow Key"
-    assert layer_name("Soft Shadow", "Key.001") == "Soft Shadow Key_001"
-    long = layer_name("Soft Shadow", "é" * 80)
-    assert len(long.encode()) <= LONGEST
-    taken = [layer_name("Soft Shadow", "a.b")]
-    other = layer_name("Soft Shadow", "a_b", taken)
-    assert other not in taken
+    assert layer_name("Soft Shadow", lamp_pass_name("Key", "Key")) == "Soft Shadow Key"
+    assert layer_name("Soft Shadow", lamp_pass_name("Key.001", "Key.001")) == "Soft Shadow Key_001"
+    assert layer_name("Transmittance") == "Transmittance"
+    long = lamp_pass_name("é" * 80, "é" * 80)
+    assert len(long.encode()) <= LONGEST_LAMP
+    assert lamp_pass_name("é" * 81, "é" * 81) != long
+    assert lamp_pass_name(long, "é" * 80) == long
 
 
 def test_a_limit_may_be_rounded_to_float32():

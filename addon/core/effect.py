@@ -30,6 +30,11 @@ class Blend(Enum):
     ADD = "add"
     OVER = "over"
 
+    @property
+    def neutral(self) -> float:
+        """What a layer is everywhere where it has nothing to say: joined, it changes nothing."""
+        return 1.0 if self in (Blend.SCALE_LIGHT, Blend.MULTIPLY) else 0.0
+
 
 def no_shaders() -> Iterable[Shader]:
     """Of an effect that runs on the CPU only."""

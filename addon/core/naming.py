@@ -3,27 +3,40 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
 
 ENGINE_ID = "STRATA"  # of the render engine, in Blender's lists and files
 
 LONGEST = 63  # bytes of UTF-8; Blender cuts there
-HASH_DIGITS = 6
+LONGEST_TITLE = 18  # bytes, of a kind of layer that each lamp has
+LONGEST_LAMP = LONGEST - LONGEST_TITLE - 1
+HASH_DIGITS = 8  # a street of thousands of lamps that begin alike has one clash in some hundreds of files
 
 
-def layer_name(title: str, light: str = "", taken: Iterable[str] = ()) -> str:
-    """`title light` without dots (Blender groups channels by the last two) or a hyphen at the end (its reader
-    drops that), at most 63 bytes of UTF-8; a hash of the light's name is added on truncation or where the
-    name is taken."""
-    full = f"{title} {light}".strip()
-    safe = "".join("_" if c == "." or not c.isprintable() else c for c in full)
-    safe = safe[:-1] + "_" if safe.endswith("-") else safe
-    taken = set(taken)
-    if len(safe.encode()) <= LONGEST and safe not in taken:
-        return safe
-    for salt in range(len(taken) + 1):
-        digest = hashlib.blake2b(f"{light}\0{salt}".encode()).hexdigest()[:HASH_DIGITS]
-        head = safe.encode()[: LONGEST - HASH_DIGITS - 1].decode(errors="ignore").rstrip()
-        if (name := f"{head} {digest}") not in taken:
-            return name
-    raise AssertionError("more salts than names taken cannot all be taken")
+def layer_name(title: str, lamp: str = "") -> str:
+    """A layer's name; `lamp` is a lamp's pass name, empty for a layer of no one lamp."""
+    return f"{title} {lamp}".strip()
+
+
+def pass_safe(text: str) -> str:
+    """`text` without dots (Blender groups channels by the last two), without what is no printable character,
+    and without a hyphen at the end (Blender's reader drops it)."""
+    safe = "".join("_" if c == "." or not c.isprintable() else c for c in text).strip()
+    return safe[:-1] + "_" if safe.endswith("-") else safe
+
+
+def is_short(safe: str) -> bool:
+    """Whether it can be a lamp's pass name without being cut."""
+    return len(safe.encode()) <= LONGEST_LAMP
+
+
+def hashed(safe: str, key: str) -> str:
+    """A lamp's pass name of at most LONGEST_LAMP bytes: as much of `safe` as fits, and a hash of `key`."""
+    digest = hashlib.blake2b(key.encode(errors="backslashreplace")).hexdigest()[:HASH_DIGITS]
+    head = safe.encode()[: LONGEST_LAMP - HASH_DIGITS - 1].decode(errors="ignore").rstrip()
+    return f"{head} {digest}".strip()
+
+
+def lamp_pass_name(name: str, key: str) -> str:
+    """Of a lamp that no other is mistaken for."""
+    safe = pass_safe(name)
+    return safe if is_short(safe) else hashed(safe, key)

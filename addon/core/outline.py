@@ -122,7 +122,8 @@ class Light:
 
     `receivers` are the instances that the light lights, `casters` those that can block it (light and
     shadow linking); None: all. `own` are values that go over the scene's for this light: effect's id,
-    parameter and value.
+    parameter and value. `pass_name` is its part of layers' names (addon/scene/lamp_names.py); empty: made
+    from `name`.
     """
 
     name: str
@@ -135,6 +136,7 @@ class Light:
     receivers: frozenset[int] | None = None
     casters: frozenset[int] | None = None
     own: Own = ()
+    pass_name: str = ""
 
     def params_for[P: Params](self, effect_id: str, params: P) -> P:
         """The effect's parameters for this light: the scene's, `params`, with the light's own over them."""

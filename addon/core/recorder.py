@@ -7,7 +7,7 @@ from typing import Any
 
 from .effect import Effect, LayerKind
 from .graph import Graph, LeftOut, Node, PlannedLayer, Step
-from .naming import layer_name
+from .naming import lamp_pass_name, layer_name
 from .outline import Outline
 from .params import Params
 
@@ -81,8 +81,13 @@ class Recorder:
     ) -> None:
         """Declares an image made by `node`; `casters` are the instances that its reference has to trace."""
         self.reads_instances(casters)
-        light = "" if light_index is None else self.outline.lights[light_index].name
-        name = layer_name(kind.title, light, (layer.name for layer in self._layers))
+        light, lamp = "", ""
+        if light_index is not None:
+            named = self.outline.lights[light_index]
+            light, lamp = named.name, named.pass_name or lamp_pass_name(named.name, named.key)
+        name = layer_name(kind.title, lamp)
+        if any(layer.name == name for layer in self._layers):
+            raise ValueError(f"two layers are called '{name}'")
         effect = self.effect.id if self.effect else ""
         layer = PlannedLayer(name, effect, node, kind, self.params, light, light_index, casters)
         self._layers.append(layer)

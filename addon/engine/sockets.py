@@ -11,9 +11,10 @@ from bpy.app.handlers import depsgraph_update_post, persistent
 from ..core.naming import ENGINE_ID
 from . import passes
 
-# By scene (session id) and view layer: the passes that Blender was last told, and the lights looked at then.
+# By scene (session id) and view layer: the passes that Blender was last told, and the lamps and instancers
+# looked at then.
 _told: dict[tuple[int, str], tuple[str, ...]] = {}
-_lights: dict[tuple[int, str], frozenset[str]] = {}
+_named: dict[tuple[int, str], frozenset[str]] = {}
 
 
 @persistent
@@ -22,20 +23,24 @@ def _follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     marks the scene as changed, and a rename its own object only."""
     if scene.render.engine != ENGINE_ID:
         return
-    if not depsgraph.id_type_updated("SCENE") and not any(map(_is_renamed_light, depsgraph.updates)):
+    if not depsgraph.id_type_updated("SCENE") and not any(map(_is_renamed, depsgraph.updates)):
         return
     for view_layer in scene.view_layers:
         key = (scene.session_uid, view_layer.name)
-        _lights[key] = frozenset(shown.name for shown in view_layer.objects if shown.type == "LIGHT")
+        _named[key] = frozenset(shown.name for shown in bpy.data.objects if _gives_names(shown))
         names = tuple(kind.name for kind in passes.registered(scene, view_layer))
         if _told.get(key) != names:
             _told[key] = names
             view_layer.update_render_passes()
 
 
-def _is_renamed_light(update: bpy.types.DepsgraphUpdate) -> bool:
-    is_light = isinstance(update.id, bpy.types.Object) and update.id.type == "LIGHT"
-    return is_light and not any(update.id.name in names for names in _lights.values())
+def _gives_names(shown: bpy.types.Object) -> bool:
+    return shown.type == "LIGHT" or shown.instance_type == "COLLECTION"
+
+
+def _is_renamed(update: bpy.types.DepsgraphUpdate) -> bool:
+    counts = isinstance(update.id, bpy.types.Object) and _gives_names(update.id)
+    return counts and not any(update.id.name in names for names in _named.values())
 
 
 def register() -> None:
@@ -47,4 +52,4 @@ def unregister() -> None:
     if _follow in depsgraph_update_post:
         depsgraph_update_post.remove(_follow)
     _told.clear()
-    _lights.clear()
+    _named.clear()

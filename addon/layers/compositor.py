@@ -7,7 +7,7 @@ light. Right only for renders whose lights cast no shadows themselves.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from ..core.effect import Blend
 from ..core.errors import StrataError
 from ..core.naming import layer_name
 from ..effects.registry import EFFECTS
+from ..scene.lamp_names import LampNames, NamedLamp
 
 GROUP_NAME = "Strata Shadows"
 _STEP = 200  # of the grid that nodes are laid out on
@@ -24,10 +25,12 @@ _STEP = 200  # of the grid that nodes are laid out on
 
 @dataclass(frozen=True)
 class Built:
-    """What `build` joined: shadows by name, and those that it did not, as their lights are in no group."""
+    """Shadows by name: what `build` joined, those that it did not, as their lights are in no group, and those
+    that are of no lamp in the scene."""
 
     joined: tuple[str, ...]
     apart: tuple[str, ...]
+    unknown: tuple[str, ...]
 
 
 def build(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, path: Path, is_sequence: bool) -> Built:
@@ -94,14 +97,17 @@ def _insert(tree: bpy.types.NodeTree, source: bpy.types.Node, inside: bpy.types.
     return group
 
 
-def _shadows(scene: bpy.types.Scene, image: bpy.types.Node) -> Iterator[tuple[bpy.types.Object, str]]:
-    """Lights, and the output of the node that has their shadow."""
-    titles = [kind.title for effect in EFFECTS for kind in effect.layers if kind.blend == Blend.SCALE_LIGHT]
-    for shown in scene.objects:
-        if shown.type == "LIGHT":
-            for title in titles:
-                if (name := layer_name(title, shown.name)) in image.outputs:
-                    yield shown, name
+_SHADOWS = [kind.title for effect in EFFECTS for kind in effect.layers if kind.blend == Blend.SCALE_LIGHT]
+
+
+def _shadows(view_layer: bpy.types.ViewLayer, image: bpy.types.Node) -> dict[str, NamedLamp]:
+    """Lamps by the output of the node that has their shadow; also lamps that only an evaluated scene has."""
+    names = LampNames()
+    lamps = {named.pass_name: named for named in names.standing(view_layer)}
+    if view_layer.depsgraph is not None:
+        lamps |= {named.pass_name: named for named in names.shown(view_layer.depsgraph)}
+    found = {layer_name(title, name): lamps[name] for title in _SHADOWS for name in lamps}
+    return {output: named for output, named in found.items() if output in image.outputs}
 
 
 def _fill(tree, file: bpy.types.Image, scene, view_layer, source, is_sequence: bool) -> Built:
@@ -113,11 +119,14 @@ def _fill(tree, file: bpy.types.Image, scene, view_layer, source, is_sequence: b
     if is_sequence:
         image.frame_duration, image.use_auto_refresh = max(scene.frame_end, 1), True
     groups: dict[str, list[str]] = {}
-    for shown, name in _shadows(scene, image):
-        has_group = f"Combined_{shown.lightgroup}" in source.outputs
-        groups.setdefault(f"Combined_{shown.lightgroup}" if has_group else "", []).append(name)
+    shadows = _shadows(view_layer, image)
+    for name, named in shadows.items():
+        group = f"Combined_{named.lamp.lightgroup or named.outermost.lightgroup}"
+        groups.setdefault(group if group in source.outputs else "", []).append(name)
     if not groups:
         raise StrataError(f"{file.name} has no shadow of a light of this scene")
+    starts = tuple(f"{title} " for title in _SHADOWS)
+    unknown = [o.name for o in image.outputs if o.name.startswith(starts) and o.name not in shadows]
     apart = groups.pop("", []) if set(groups) != {""} else []
     _set_sockets(tree, ["Image", *filter(None, groups)])
     start, end = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
@@ -136,7 +145,8 @@ def _fill(tree, file: bpy.types.Image, scene, view_layer, source, is_sequence: b
         column += 3
     tree.links.new(result, end.inputs["Image"])
     end.location = ((column + 3) * _STEP, 0)
-    return Built(tuple(name for names in groups.values() for name in names), tuple(apart))
+    joined = tuple(name for names in groups.values() for name in names)
+    return Built(joined, tuple(apart), tuple(unknown))
 
 
 def _set_sockets(tree, inputs: list[str]) -> None:

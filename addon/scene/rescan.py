@@ -102,7 +102,14 @@ def _with_lights(scan: Scan, outline: Outline, changed: Iterable[int], objects, 
         if light is None or any(warning not in outline.warnings for warning in warnings):
             return None
         own = own_settings_of(thing.data, "Light")
-        lights[index] = replace(light, receivers=before.receivers, casters=before.casters, own=own)
+        lights[index] = replace(
+            light,
+            receivers=before.receivers,
+            casters=before.casters,
+            lights_media=before.lights_media,
+            own=own,
+            pass_name=before.pass_name,
+        )
     return replace(outline, lights=tuple(lights))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import bpy
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from ..core.errors import StrataError
 from ..core.outline import Bounds, Camera, Instance, Light, Material, Mesh, Outline
 from .cameras import camera_of, camera_warnings, frame_size_of, pixel_filter_of, region_of
+from .lamp_names import LampNames
 from .light_linking import linked_objects
 from .lights import light_of
 from .materials import Images, default_material, material_of
@@ -277,18 +279,20 @@ class _Scanner:
 
     # Lights
 
+    @cached_property
+    def lamp_names(self) -> LampNames:
+        """Made where there is a lamp."""
+        return LampNames()
+
     def _light(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> None:
-        name, key = shown.name, shown.original.name_full
-        parent = shown
-        if instance.is_instance:
-            parent = instance.parent
-            name = f"{name} {parent.name}"
-            key = f"{parent.original.name_full}/{key}#{'.'.join(map(str, _persistent_id(instance)))}"
-        light, warnings = light_of(shown.data, instance.matrix_world, name, key)
+        parent = instance.parent if instance.is_instance else shown
+        named = self.lamp_names.of(instance)
+        light, warnings = light_of(shown.data, instance.matrix_world, named.name, named.key)
         for warning in warnings:
             self._warn(warning)
         if light is not None:
-            self.lights.append(replace(light, own=own_settings_of(shown.data, "Light")))
+            own = own_settings_of(shown.data, "Light")
+            self.lights.append(replace(light, own=own, pass_name=named.pass_name))
             self.light_objects.append((shown.original, parent.original))
             self.light_owners.append(0 if instance.is_instance else shown.original.session_uid)
 
@@ -316,10 +320,6 @@ class _Scanner:
         if linked is None:
             return None
         return frozenset(i for i, source in enumerate(self.objects) if source in linked)
-
-
-def _persistent_id(instance: bpy.types.DepsgraphObjectInstance) -> list[int]:
-    return [number for number in instance.persistent_id if number != 2**31 - 1]
 
 
 def _finite_positions(mesh: bpy.types.Mesh) -> np.ndarray:
