@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 
 from ..addon.bake import Baked, BakeJob, read_job
-from ..addon.core.errors import Cancelled, StrataError
+from ..addon.core.errors import Cancelled, StrataError, one_line
 from ..addon.job import Runner, run_to_end
 from ..addon.layers.exr import write_layers
 from ..addon.layers.files import check_writable
@@ -18,6 +18,7 @@ from ..addon.ui.registration import Classes
 from ..addon.ui.state import STATE
 from .arguments import Placeholder
 from .planning import nothing_to_bake, read_plan
+from .reported import reported
 from .terminal import time_left
 
 TIMER_SECONDS = 0.05
@@ -38,6 +39,9 @@ class STRATA_OT_bake(bpy.types.Operator):
         options={"SKIP_SAVE"},
     )
 
+    _runner: Runner | None = None
+    _timer = None
+
     @classmethod
     def poll(cls, context):
         if STATE.is_baking:
@@ -51,7 +55,7 @@ class STRATA_OT_bake(bpy.types.Operator):
             if job is None:
                 return {"CANCELLED"}
             return self._finished(run_to_end(job, finish=self._write))
-        except (StrataError, Cancelled) as error:
+        except BaseException as error:  # a panic of the kernels is no Exception
             return self._failed(error)
 
     def invoke(self, context, event):
@@ -60,14 +64,15 @@ class STRATA_OT_bake(bpy.types.Operator):
             if job is None:
                 return {"CANCELLED"}
             self._runner = Runner(job, self._write)
-        except StrataError as error:
+            STATE.is_baking = True
+            self._started = time.monotonic()
+            manager = context.window_manager
+            self._timer = manager.event_timer_add(TIMER_SECONDS, window=context.window)
+            self._show(context)
+        except BaseException as error:
+            self._end(context)
             return self._failed(error)
-        STATE.is_baking = True
-        self._started = time.monotonic()
-        manager = context.window_manager
-        self._timer = manager.event_timer_add(TIMER_SECONDS, window=context.window)
         manager.modal_handler_add(self)
-        self._show(context)
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
@@ -78,17 +83,14 @@ class STRATA_OT_bake(bpy.types.Operator):
             return {"PASS_THROUGH"}
         try:
             baked = self._runner.step(SLICE_SECONDS if self._runner.job.needs_main_thread else 0.0)
-        except (StrataError, Cancelled) as error:
+            if baked is None:
+                self._show(context)
+                return {"PASS_THROUGH"}
+            self._end(context)
+            return self._finished(baked)
+        except BaseException as error:
             self._end(context)
             return self._failed(error)
-        except BaseException:
-            self._end(context)
-            raise
-        if baked is None:
-            self._show(context)
-            return {"PASS_THROUGH"}
-        self._end(context)
-        return self._finished(baked)
 
     def cancel(self, context):
         """Blender ends the operator itself, as when another file is opened."""
@@ -128,11 +130,11 @@ class STRATA_OT_bake(bpy.types.Operator):
         self.report({"INFO"}, f"Baked {len(baked.layers.layers)} layers in {seconds:.1f} s{where}")
         return {"FINISHED"}
 
-    def _failed(self, error: Exception):
+    def _failed(self, error: BaseException):
         if isinstance(error, Cancelled):
             self.report({"INFO"}, "Bake cancelled, nothing written")
         else:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, one_line(error))
         return {"CANCELLED"}
 
     def _show(self, context) -> None:
@@ -144,9 +146,15 @@ class STRATA_OT_bake(bpy.types.Operator):
         _redraw(context)
 
     def _end(self, context) -> None:
+        """Nothing where it has ended already."""
+        if self._runner is None:
+            return
         self._runner.stop()
+        self._runner = None
         STATE.is_baking = False
-        context.window_manager.event_timer_remove(self._timer)
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+            self._timer = None
         context.workspace.status_text_set(None)
         _redraw(context)
 
@@ -158,12 +166,9 @@ class STRATA_OT_plan(bpy.types.Operator):
     bl_label = "Refresh Plan"
     bl_options = {"REGISTER"}
 
+    @reported
     def execute(self, context):
-        try:
-            _, graph = read_plan(context.scene, context.view_layer, options_of(context.scene))
-        except StrataError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        _, graph = read_plan(context.scene, context.view_layer, options_of(context.scene))
         STATE.show_plan(context.scene.session_uid, graph)
         _redraw(context)
         return {"FINISHED"}

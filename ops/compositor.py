@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import bpy
 
-from ..addon.core.errors import StrataError
 from ..addon.core.naming import ENGINE_ID
 from ..addon.layers.compositor import build
 from ..addon.ui.registration import Classes
 from .arguments import Placeholder
 from .bake import output_of
+from .reported import reported
 
 
 class STRATA_OT_build_compositor(bpy.types.Operator):
@@ -36,16 +36,13 @@ class STRATA_OT_build_compositor(bpy.types.Operator):
             return False
         return True
 
+    @reported
     def execute(self, context):
         scene = context.scene
-        try:
-            given = self.filepath or scene.strata.output
-            path = output_of(scene, given)
-            is_sequence = Placeholder(given).is_numbered and scene.frame_start != scene.frame_end
-            built = build(scene, context.view_layer, path, is_sequence)
-        except StrataError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        given = self.filepath or scene.strata.output
+        path = output_of(scene, given)
+        is_sequence = Placeholder(given).is_numbered and scene.frame_start != scene.frame_end
+        built = build(scene, context.view_layer, path, is_sequence)
         if built.apart:
             self.report(
                 {"WARNING"}, f"Not joined, as their lights are in no light group: {', '.join(built.apart)}"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import bpy
 
 from ..addon import preview
-from ..addon.core.errors import StrataError
 from ..addon.ui.registration import Classes
+from .reported import reported
 
 
 class STRATA_OT_preview(bpy.types.Operator):
@@ -23,15 +23,12 @@ class STRATA_OT_preview(bpy.types.Operator):
             return False
         return True
 
+    @reported
     def execute(self, context):
         if preview.is_on(context.scene):
             preview.disable(context.scene)
-            return {"FINISHED"}
-        try:
+        else:
             preview.enable(context.scene)
-        except StrataError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
         return {"FINISHED"}
 
 

@@ -8,6 +8,7 @@ from ..addon.core.ramp import Ramp
 from ..addon.effects.registry import EFFECTS
 from ..addon.ui.properties import fill_ramp, title
 from ..addon.ui.registration import Classes
+from .reported import reported
 
 
 class STRATA_OT_new_ramp(bpy.types.Operator):
@@ -20,6 +21,7 @@ class STRATA_OT_new_ramp(bpy.types.Operator):
     path: bpy.props.StringProperty(description="Settings, from the context", options={"HIDDEN"})
     name: bpy.props.StringProperty(description="Their ramp", options={"HIDDEN"})
 
+    @reported
     def execute(self, context):
         try:
             settings = context.path_resolve(self.path)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import os
+from types import SimpleNamespace
 
 import bpy
 import pytest
+import strata
 from conftest import SAMPLES
-from strata.addon.core.errors import TRACEBACK_FILE, StrataError, one_line
+from strata.addon.core.errors import TRACEBACK_FILE, StrataError, one_line, told_once
+from strata.addon.preview import control
 from strata.addon.scene import scan
+from strata.addon.scene.open import open_blend
+from strata.addon.ui.registration import Classes
 from strata.ops.cli import main
 
 QUICK = ("--backend", "cpu", "--size", "32x18", "--samples", "1", "--probes", "0")
@@ -97,3 +102,109 @@ def test_the_command_line_tells_unforeseen_errors_in_one_line(monkeypatch, tmp_p
     assert (out, len(err.splitlines())) == ("", 1)
     assert err.startswith("strata: Strata failed: ValueError: something nobody foresaw (addon/bake.py:")
     assert os.listdir(tmp_path) == []
+
+
+# Inside Blender
+
+
+@pytest.fixture
+def scene():
+    strata.register()
+    open_blend(SAMPLES / "plain.blend")
+    bpy.context.scene.strata.backend = "cpu"
+    yield bpy.context.scene
+    strata.unregister()
+
+
+def only_line(function) -> str:
+    """What Blender makes of an operator's report."""
+    (line,) = str(raised(function)).strip().splitlines()
+    return line
+
+
+def test_operators_report_unforeseen_errors(scene, monkeypatch, capfd):
+    from strata.ops import bake, compositor
+
+    monkeypatch.setattr(bake, "read_job", broken)
+    monkeypatch.setattr(bake, "read_plan", broken)
+    monkeypatch.setattr(compositor, "build", broken)
+    scene.strata.save_to, scene.strata.output = "IMAGES", "/tmp/x.exr"
+    for operator in (bpy.ops.strata.bake, bpy.ops.strata.plan, bpy.ops.strata.build_compositor):
+        line = only_line(operator)
+        assert line.startswith("Error: Strata failed: ValueError: something nobody foresaw (")
+        assert "ops/" in line
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_the_engine_reports_unforeseen_errors(scene, monkeypatch, capfd):
+    from strata.addon.engine import engine
+
+    monkeypatch.setattr(engine, "read_depsgraph", broken)
+    scene.render.engine = "STRATA"
+    line = only_line(bpy.ops.render.render)
+    assert line.startswith("Error: Strata failed: ValueError: something nobody foresaw (addon/engine/")
+    monkeypatch.setattr(engine.passes, "registered", broken)
+    for view_layer in scene.view_layers:
+        view_layer.update_render_passes()
+        view_layer.update_render_passes()
+    err = capfd.readouterr().err
+    assert "Traceback" not in err
+    assert err.count("something nobody foresaw") == 1  # of passes, each time in vain
+
+
+def test_handlers_tell_once_and_never_raise(capsys):
+    @told_once
+    def handler(*arguments):
+        broken()
+
+    assert handler(1, 2) is None
+    assert handler() is None
+    assert capsys.readouterr().err.count("something nobody foresaw") == 1
+
+
+def test_panels_say_what_they_cannot_draw():
+    class STRATA_PT_broken(bpy.types.Panel):
+        bl_label, bl_space_type, bl_region_type = "Broken", "VIEW_3D", "UI"
+
+        def draw(self, context):
+            broken()
+
+    classes = Classes(STRATA_PT_broken)
+    classes.register()
+    classes.unregister()
+    classes.register()
+    classes.unregister()
+    labels = []
+    layout = SimpleNamespace(label=lambda text, icon: labels.append(text))
+    STRATA_PT_broken.draw(SimpleNamespace(layout=layout), None)
+    (line,) = labels
+    assert line.startswith("Strata failed: ValueError: something nobody foresaw (")
+
+
+def test_a_failing_preview_says_so_and_tries_again_when_something_changes(scene, monkeypatch):
+    tried = []
+
+    def fails(*_arguments):
+        tried.append(1)
+        broken()
+
+    monkeypatch.setattr(control, "_picture", fails)
+    window = bpy.context.window_manager.windows[0]
+    area = window.screen.areas[0]
+    area.type = "VIEW_3D"
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    with bpy.context.temp_override(window=window, area=area, region=region):
+        for _redraw in range(3):
+            control.draw(bpy.context)
+        assert len(tried) == 1
+        assert control.failure().startswith("Strata failed: ValueError: something nobody foresaw (")
+        assert control.state_of(region).message == control.failure()
+        control._depsgraph_updated(scene, bpy.context.evaluated_depsgraph_get())
+        control.draw(bpy.context)
+        assert len(tried) == 2
+        monkeypatch.setattr(control, "_picture", lambda *_arguments: None)
+        control._everything_changed()
+        control.draw(bpy.context)
+    assert control.failure() == ""
+    control.unregister()
+    control._stop()

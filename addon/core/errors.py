@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import sys
 import traceback
+from collections.abc import Callable
 from contextlib import suppress
+from functools import wraps
 from pathlib import Path
 
 TRACEBACK_FILE = "STRATA_TRACEBACK"
@@ -13,6 +16,7 @@ TRACEBACK_FILE = "STRATA_TRACEBACK"
 MOST_LETTERS = 300  # of what an unforeseen error says
 _ROOT = Path(__file__).resolve().parents[2]
 _OWN = (_ROOT / "addon", _ROOT / "ops")
+_told: set[str] = set()
 
 
 class StrataError(Exception):
@@ -48,6 +52,24 @@ def one_line(error: BaseException) -> str:
     if type(error).__name__ not in ("RuntimeError", "PanicException"):  # those say all in words
         what = f"{type(error).__name__}: {what}"
     return f"Strata failed: {what} ({_place(error)})"
+
+
+def told_once(function: Callable) -> Callable:
+    """For what Blender calls after every edit and redraw: raises nothing and returns None instead, and tells
+    each line on stderr once."""
+
+    @wraps(function)
+    def call(*arguments):
+        try:
+            return function(*arguments)
+        except BaseException as error:
+            line = one_line(error)
+            if line not in _told:
+                _told.add(line)
+                print(f"strata: {line}", file=sys.stderr)
+            return None
+
+    return call
 
 
 def _joined(error: BaseException) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import preview
 from ..bake import Baked, BakeJob, read_depsgraph
-from ..core.errors import Cancelled, StrataError
+from ..core.errors import Cancelled, one_line, told_once
 from ..core.naming import ENGINE_ID
 from ..job import Runner
 from ..ui.properties import options_of
@@ -37,26 +37,28 @@ class StrataRenderEngine(bpy.types.RenderEngine):
     bl_use_gpu_context = not bpy.app.background
 
     def update_render_passes(self, scene=None, renderlayer=None):
+        told_once(self._register_passes)(scene, renderlayer)
+
+    def render(self, depsgraph):
+        try:
+            if self.is_preview:
+                picture = material_preview.picture(depsgraph, self.resolution_x, self.resolution_y)
+                self._write("", [PassImage(COMBINED, "RGBA", picture)])
+            else:
+                self._render(depsgraph)
+        except Cancelled:
+            return
+        except BaseException as error:  # a panic of the kernels is no Exception
+            self.report({"ERROR"}, one_line(error))  # ends an animation too
+
+    def _register_passes(self, scene, renderlayer) -> None:
         self.register_pass(scene, renderlayer, COMBINED, 4, "RGBA", "COLOR")
         for kind in passes.registered(scene, renderlayer):
             self.register_pass(scene, renderlayer, kind.name, len(kind.channels), kind.channels, kind.type)
 
-    def render(self, depsgraph):
-        if self.is_preview:
-            picture = material_preview.picture(depsgraph, self.resolution_x, self.resolution_y)
-            self._write("", [PassImage(COMBINED, "RGBA", picture)])
-            return
-        try:
-            job = self._job(depsgraph)
-            baked = self._baked(job)
-        except Cancelled:
-            return
-        except StrataError as error:
-            self.report({"ERROR"}, str(error))  # ends an animation too
-            return
-        except BaseException as error:
-            self.report({"ERROR"}, f"Strata failed: {error}")
-            raise  # Blender prints where
+    def _render(self, depsgraph) -> None:
+        job = self._job(depsgraph)
+        baked = self._baked(job)
         layer_name = depsgraph.view_layer.name
         self._write(layer_name, passes.images_of(baked, job.outline, depsgraph), baked)
         STATE.show_plan(depsgraph.scene.session_uid, job.graph)
@@ -72,6 +74,8 @@ class StrataRenderEngine(bpy.types.RenderEngine):
         self._scene_id = context.scene.session_uid
         preview.follow(context.scene)
         preview.draw(context)
+        shown = preview.state_of(context.region)
+        self.update_stats("", f"Strata: {shown.message}" if shown and shown.message else "")
 
     def __del__(self):
         with suppress(ReferenceError):  # Blender has freed its part already, as after a cancelled render

@@ -8,6 +8,7 @@ from __future__ import annotations
 import bpy
 from bpy.app.handlers import depsgraph_update_post, persistent
 
+from ..core.errors import told_once
 from ..core.naming import ENGINE_ID
 from . import passes
 
@@ -18,6 +19,7 @@ _named: dict[tuple[int, str], frozenset[str]] = {}
 
 
 @persistent
+@told_once
 def _follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """After every edit, so nearly always it has to end at once: what is added, deleted, hidden or switched
     marks the scene as changed, and a rename its own object only."""

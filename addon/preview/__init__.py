@@ -2,7 +2,8 @@
 
 `enable` and `disable` switch it on and off for a scene, `is_on` tells; `available` says why it cannot work
 here; `draw` puts the picture into the viewport at hand, for the preview's own handler and for the engine, for
-which `follow` and `unfollow` refine it; `state_of` tells what a viewport shows and what it cost.
+which `follow` and `unfollow` refine it; `state_of` tells what a viewport shows and what it cost, `failure`
+what keeps one from its picture.
 """
 
 from .control import (
@@ -10,6 +11,7 @@ from .control import (
     disable,
     draw,
     enable,
+    failure,
     follow,
     is_on,
     register,
@@ -23,6 +25,7 @@ __all__ = [
     "disable",
     "draw",
     "enable",
+    "failure",
     "follow",
     "is_on",
     "register",

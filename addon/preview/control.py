@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Iterator
 from typing import Any
 
 import bpy
 from bpy.app.handlers import persistent
 
-from ..core.errors import ShaderError, StrataError
+from ..core.errors import StrataError, one_line, told_once
 from ..core.naming import ENGINE_ID
 from ..scene.viewport import hides_objects, placement_of
 from ..ui.properties import options_of
@@ -33,7 +32,7 @@ class _State:
         self.textures: dict[int, tuple[Any, Any]] = {}  # a picture and how it is shown, and that as a texture
         self.tables: dict[tuple, Any] = {}  # view transforms by signature: arrays, then textures
         self.handles: list[Any] = []
-        self.failure = ""
+        self.edits = 0  # counts what Blender tells of
         self.is_running = False
 
 
@@ -44,8 +43,6 @@ def available() -> str:
     """Why the preview cannot work here, in words; empty where it can."""
     if bpy.app.background:
         return "Blender runs without a window"
-    if _state.failure:
-        return _state.failure
     import gpu
 
     try:
@@ -110,28 +107,29 @@ def state_of(region: bpy.types.Region) -> Statistics | None:
 def draw(context: bpy.types.Context, region: bpy.types.Region | None = None, encodes: bool = False) -> None:
     """Draws the picture of the viewport at hand into the bound framebuffer, making it first where something
     has changed; `encodes` as in `display.draw_picture`. What keeps it from a picture, such as nothing in
-    view, is in `state_of(region).message`."""
+    view, is in `state_of(region).message`; what fails is not tried again before something changes."""
     region = region or context.region
     space, region_3d = context.space_data, context.region_data
     if region is None or space is None or region_3d is None:
         return
     viewport = _state.viewports.setdefault(region.as_pointer(), Viewport())
+    asked = _asked(context.scene, region, region_3d)
+    if viewport.failed_at == asked:
+        return
+    if viewport.failed_at is not None:
+        viewport.failed_at, viewport.statistics = None, Statistics()
     try:
         picture = _picture(context, region, space, region_3d, viewport)
-    except StrataError as error:
-        viewport.release()
-        viewport.statistics = Statistics(message=str(error))
-        return
-    if picture is None:
-        return
-    table = _table(context.scene) if picture.is_colour else None
-    style = (picture, table, view_transform.exposure_factor(context.scene))
-    kept = _state.textures.get(region.as_pointer())
-    if kept is None or any(a is not b and a != b for a, b in zip(kept[0], style, strict=True)):
-        image = getattr(picture.pixels, "texture", None) or display.picture_texture(picture.pixels)
-        shown = display.shown_texture(image, 4 if picture.is_colour else 1, *style[1:])
-        kept = _state.textures[region.as_pointer()] = (style, shown)
-    display.draw_picture(kept[1], picture.place, (region.width, region.height), encodes)
+        if picture is not None:
+            _show(context.scene, region, picture, encodes)
+    except BaseException as error:  # a panic of the kernels is no Exception
+        _failed(region.as_pointer(), error, asked)
+
+
+def failure() -> str:
+    """What keeps a viewport from its picture, in one line; empty where nothing does."""
+    told = (viewport.statistics for viewport in _state.viewports.values())
+    return next((statistics.message for statistics in told if statistics.has_failed), "")
 
 
 def register() -> None:
@@ -141,6 +139,17 @@ def register() -> None:
 def unregister() -> None:
     _state.rendered.clear()
     disable()
+
+
+def _show(scene: bpy.types.Scene, region: bpy.types.Region, picture, encodes: bool) -> None:
+    table = _table(scene) if picture.is_colour else None
+    style = (picture, table, view_transform.exposure_factor(scene))
+    kept = _state.textures.get(region.as_pointer())
+    if kept is None or any(a is not b and a != b for a, b in zip(kept[0], style, strict=True)):
+        image = getattr(picture.pixels, "texture", None) or display.picture_texture(picture.pixels)
+        shown = display.shown_texture(image, 4 if picture.is_colour else 1, *style[1:])
+        kept = _state.textures[region.as_pointer()] = (style, shown)
+    display.draw_picture(kept[1], picture.place, (region.width, region.height), encodes)
 
 
 def _picture(context, region, space, region_3d, viewport: Viewport):
@@ -222,33 +231,48 @@ def _drop_sessions() -> None:
         _state.sessions.pop(key).release()
 
 
+@told_once
 def _draw_view() -> None:
     context = bpy.context
     if context.scene is None or not is_on(context.scene) or _draws_engine(context.scene, context.space_data):
         return
-    try:
-        draw(context, encodes=True)
-    except Exception as error:
-        _failed(error)
+    draw(context, encodes=True)
 
 
+@told_once
 def _draw_text() -> None:
     context = bpy.context
-    if context.scene is None or not context.scene.strata.preview.show_statistics:
-        return
     statistics = state_of(context.region)
-    if statistics is not None:
+    if context.scene is None or statistics is None:
+        return
+    if statistics.has_failed or context.scene.strata.preview.show_statistics:
         toolbar = next((r.width for r in context.area.regions if r.type == "TOOLS"), 0)
         caption.draw(statistics, context.region.height, context.preferences.system.ui_scale, toolbar)
 
 
-def _failed(error: Exception) -> None:
-    """Nothing is drawn again and again that fails; where the GPU is at fault, not until Blender's end."""
-    traceback.print_exc()
-    _state.rendered.clear()
-    if isinstance(error, (ShaderError, SystemError)):
-        _state.failure = str(error).strip().splitlines()[0]
-    _state.scenes.clear()
+def _asked(scene: bpy.types.Scene, region: bpy.types.Region, region_3d: bpy.types.RegionView3D) -> tuple:
+    """Differs whenever a picture that failed may succeed."""
+    matrices = (tuple(map(tuple, matrix)) for matrix in (region_3d.view_matrix, region_3d.window_matrix))
+    return (
+        _state.edits,
+        scene.session_uid,
+        scene.frame_current_final,
+        region.width,
+        region.height,
+        *matrices,
+    )
+
+
+def _failed(pointer: int, error: BaseException, asked: Any) -> None:
+    """Says so in the region and in the panels; what is half done is begun anew."""
+    viewport = _state.viewports[pointer]
+    is_news = not viewport.statistics.has_failed
+    viewport.fail(one_line(error), asked)
+    if (session := _state.shown.get(pointer)) is not None:
+        session.changes.all = True
+    if is_news:
+        for _window, area, _region in _regions():
+            area.tag_redraw()
 
 
 def _draws_engine(scene: bpy.types.Scene, space) -> bool:
@@ -257,19 +281,24 @@ def _draws_engine(scene: bpy.types.Scene, space) -> bool:
 
 
 @persistent
+@told_once
 def _depsgraph_updated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    _state.edits += 1
     for (uid, *_), session in _state.sessions.items():
         if uid == scene.session_uid:
             session.changes.add(depsgraph)
 
 
 @persistent
+@told_once
 def _everything_changed(*_) -> None:
+    _state.edits += 1
     for session in _state.sessions.values():
         session.changes.all = True
 
 
 @persistent
+@told_once
 def _file_closing(*_) -> None:
     _state.rendered.clear()
     disable()
@@ -301,28 +330,17 @@ def _regions() -> Iterator[tuple[bpy.types.Window, bpy.types.Area, bpy.types.Reg
 def _tick() -> float | None:
     """Refines what is still, a slice of the budget at a time, and makes view transforms."""
     wait, alive = IDLE_SECONDS, set()
-    try:
-        for window, area, region in _regions():
-            scene, pointer = window.scene, region.as_pointer()
-            is_rendered = scene.session_uid in _state.rendered and _draws_engine(scene, area.spaces.active)
-            if not (is_on(scene) or is_rendered):
-                continue
-            alive.add(pointer)
-            if _read_table(scene):
-                region.tag_redraw()
-            viewport = _state.viewports.get(pointer)
-            if viewport is None or not viewport.has_work:
-                continue
-            still = viewport.wait()
-            if still == 0.0:
-                # Timers have a GPU context by luck only (none after a window was closed), so a GPU works on
-                # while Blender draws.
-                if _works_in_draw(_state.shown[pointer]) or _advance(scene, pointer):
-                    region.tag_redraw()
-                still = 0.0 if viewport.has_work else IDLE_SECONDS
-            wait = min(wait, still)
-    except Exception as error:
-        _failed(error)
+    for window, area, region in _regions():
+        scene, pointer = window.scene, region.as_pointer()
+        is_rendered = scene.session_uid in _state.rendered and _draws_engine(scene, area.spaces.active)
+        if not (is_on(scene) or is_rendered):
+            continue
+        alive.add(pointer)
+        try:
+            wait = min(wait, _refine(scene, region))
+        except BaseException as error:
+            if pointer in _state.viewports:
+                _failed(pointer, error, _asked(scene, region, area.spaces.active.region_3d))
     for pointer in set(_state.viewports) - alive:
         _drop(pointer)
     _drop_sessions()
@@ -330,6 +348,23 @@ def _tick() -> float | None:
         _stop()
         return None
     return wait
+
+
+def _refine(scene: bpy.types.Scene, region: bpy.types.Region) -> float:
+    """Works on a region's picture for a slice of the budget; seconds until there is more to do."""
+    pointer = region.as_pointer()
+    if _read_table(scene):
+        region.tag_redraw()
+    viewport = _state.viewports.get(pointer)
+    if viewport is None or not viewport.has_work:
+        return IDLE_SECONDS
+    if still := viewport.wait():
+        return still
+    # Timers have a GPU context by luck only (none after a window was closed), so a GPU works on while
+    # Blender draws.
+    if _works_in_draw(_state.shown[pointer]) or _advance(scene, pointer):
+        region.tag_redraw()
+    return 0.0 if viewport.has_work else IDLE_SECONDS
 
 
 def _read_table(scene: bpy.types.Scene) -> bool:

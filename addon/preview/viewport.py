@@ -34,7 +34,8 @@ class Statistics:
     """Of what a viewport shows. `frame_ms`: from the change to the picture. `steps`: milliseconds and runs by
     step and instance, of the last frame, or of the refinement so far. `ran`: how many nodes that were.
     `error`: estimated distance to the converged picture, relative to its brightness (`estimate.py`);
-    `message` stands for a picture where there is none; `layers` names what could be shown."""
+    `message` stands for a picture where there is none, and `has_failed` says that it ought to be there;
+    `layers` names what could be shown."""
 
     frame_ms: float = 0.0
     scale: float = 1.0
@@ -46,6 +47,7 @@ class Statistics:
     ran: int = 0
     steps: dict[tuple[str, str], tuple[float, int]] = field(default_factory=dict)
     message: str = ""
+    has_failed: bool = False
     layers: tuple[str, ...] = ()
 
 
@@ -73,6 +75,7 @@ class Viewport:
         self.budget = Budget()
         self.statistics = Statistics()
         self.picture: Picture | None = None
+        self.failed_at: Any = None  # what was asked for when it failed, for whoever asks
         self._asked: tuple | None = None
         self._changed_at = 0.0
         self._pause = STILL_SECONDS
@@ -123,8 +126,14 @@ class Viewport:
                 break
         return self.picture is not before
 
+    def fail(self, line: str, asked: Any) -> None:
+        """Says so in place of a picture; `asked` is what not to try again."""
+        self.release()
+        self.statistics = Statistics(message=line, has_failed=True)
+        self.failed_at = asked
+
     def release(self) -> None:
-        self.picture = self._work = self._asked = None
+        self.picture = self._work = self._asked = self.failed_at = None
 
     def _frame(self, session, placement: Placement, options: Options, name: str, budget_ms: float) -> None:
         """The picture at once, at the budget's scale."""

@@ -53,6 +53,8 @@ def preview_switch(layout: bpy.types.UILayout, context) -> None:
         column = layout.column()
         column.active = False
         text(column, context, reason[0].upper() + reason[1:], "INFO")
+    elif is_on and (failure := preview.failure()):
+        text(layout, context, failure, "ERROR")
 
 
 def preview_settings(layout: bpy.types.UILayout, context) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import bpy
 from bpy.app.handlers import blend_import_post, load_post, persistent, save_pre
 
+from ..core.errors import told_once
 from ..effects.registry import EFFECTS
 
 # What Blender keeps properties in: names to numbers, texts and further groups.
@@ -57,16 +58,19 @@ def migrate(scenes: Iterable[bpy.types.Scene]) -> None:
 
 
 @persistent
+@told_once
 def _after_opening(*_) -> None:
     migrate(bpy.data.scenes)
 
 
 @persistent
-def _after_appending(context) -> None:
+@told_once
+def _after_appending(context, *_) -> None:
     migrate(item.id for item in context.import_items if isinstance(item.id, bpy.types.Scene))
 
 
 @persistent
+@told_once
 def _before_saving(*_) -> None:
     """New settings are of this version."""
     for scene in bpy.data.scenes:
