@@ -54,14 +54,6 @@ def open_sidebar(area):
     yield 0.5
 
 
-def wait(until, seconds: float = 60.0):
-    """Until something is so."""
-    started = time.monotonic()
-    while not until():
-        assert time.monotonic() - started < seconds, "waited in vain"
-        yield 0.01
-
-
 def converged(region):
     """Until the preview's picture is the bake's."""
 
@@ -70,7 +62,7 @@ def converged(region):
         return shown is not None and shown.is_converged
 
     yield 1.0  # what was there before the change may be
-    yield from wait(is_converged, 120.0)
+    yield from person.wait(is_converged, 120.0)
     yield 0.5
 
 
@@ -194,12 +186,12 @@ def person_at_work(found: dict):
     # A bake by the button, cancelled.
     scene = bpy.context.scene
     yield from person.click(*buttons["strata.bake"])
-    yield from wait(lambda: state().share > 0.002)
+    yield from person.wait(lambda: state().share > 0.002)
     found["drawn while baking"] = state().doing
     yield from person.photograph(photographs, "4 baking")
     person.xdotool("key", "Escape")
     pressed = time.monotonic()
-    yield from wait(lambda: not state().is_baking)
+    yield from person.wait(lambda: not state().is_baking)
     found["seconds to cancel"] = time.monotonic() - pressed
     found["images after cancel"] = float_images()
 
@@ -208,8 +200,8 @@ def person_at_work(found: dict):
     bpy.ops.ed.undo_push(message="before the bake")
     yield 0.5
     yield from person.click(*buttons["strata.bake"])
-    yield from wait(lambda: scene_id in state().reports)
-    yield from wait(lambda: not state().is_baking)
+    yield from person.wait(lambda: scene_id in state().reports)
+    yield from person.wait(lambda: not state().is_baking)
     yield 1.0
     found["layers"] = [layer["name"] for layer in state().reports[scene_id]["layers"]]
     found["images"] = float_images()
@@ -230,12 +222,12 @@ def person_at_work(found: dict):
     bpy.context.preferences.view.render_display_type = "NONE"  # the keyboard stays with this window
     yield 0.5
     yield from person.press("F12", *person.middle(person.region_of(area, "WINDOW")))
-    yield from wait(lambda: bpy.app.is_job_running("RENDER"))
+    yield from person.wait(lambda: bpy.app.is_job_running("RENDER"))
     yield 3.0  # into the samples
     found["renders until Esc"] = bpy.app.is_job_running("RENDER")
     person.xdotool("key", "Escape")
     pressed = time.monotonic()
-    yield from wait(lambda: not bpy.app.is_job_running("RENDER"))
+    yield from person.wait(lambda: not bpy.app.is_job_running("RENDER"))
     found["seconds to cancel a render"] = time.monotonic() - pressed
     found["left of the cancelled render"] = [sorted(state().reports), float_images()]
     bpy.context.preferences.view.render_display_type = "WINDOW"
@@ -244,8 +236,8 @@ def person_at_work(found: dict):
     scene.strata.samples = 1
     yield 0.5
     yield from person.press("F12", *person.middle(person.region_of(area, "WINDOW")))
-    yield from wait(lambda: scene_id in state().reports)
-    yield from wait(lambda: not bpy.app.is_job_running("RENDER"))
+    yield from person.wait(lambda: scene_id in state().reports)
+    yield from person.wait(lambda: not bpy.app.is_job_running("RENDER"))
     yield 1.0
     found["rendered"] = [layer["name"] for layer in state().reports[scene_id]["layers"]]
     yield from person.photograph(photographs, "6 rendered")

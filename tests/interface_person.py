@@ -5,6 +5,7 @@ To be imported inside Blender. Everything is a generator that yields how many se
 
 import json
 import subprocess
+import time
 import traceback
 from pathlib import Path
 
@@ -102,6 +103,14 @@ def survey(area, region, share: float = 0.5):
             seen.setdefault(what, []).append(y)
         y -= STEP_PIXELS
     return {what: (x, 0.5 * (min(ys) + max(ys))) for what, ys in seen.items()}
+
+
+def wait(until, seconds: float = 60.0):
+    """Until something is so."""
+    started = time.monotonic()
+    while not until():
+        assert time.monotonic() - started < seconds, "waited in vain"
+        yield 0.01
 
 
 def photograph(folder: Path, name: str):

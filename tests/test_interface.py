@@ -25,13 +25,12 @@ SECONDS_TO_CANCEL = 3.0
 MOST_APART = 0.03
 
 
-def used_by_a_person(backend: str, archive: Path, display: str, folder: Path) -> dict:
-    """What `interface_drive.py` writes down."""
-    scene, out, result = folder / "courtyard.blend", folder / "out.exr", folder / "result.json"
+def in_a_window(backend: str, archive: Path, display: str, folder: Path, driver: str, *words) -> dict:
+    """What a driver writes down, with courtyard.blend open; `words` are its arguments but the last two."""
+    scene, result = folder / "courtyard.blend", folder / "result.json"
     shutil.copy(TESTS.parent / "sample_blends" / "courtyard.blend", scene)
     photographs = PHOTOGRAPHS / backend
-    shutil.rmtree(photographs, ignore_errors=True)
-    photographs.mkdir(parents=True)
+    photographs.mkdir(parents=True, exist_ok=True)
     env = {**os.environ, "DISPLAY": display, "BLENDER_USER_RESOURCES": str(folder / "home")}
     # Mesa maps its cache of shaders into memory: another process that trims it ends this one with SIGBUS.
     env["MESA_SHADER_CACHE_DIR"] = str(folder / "shaders")
@@ -39,12 +38,12 @@ def used_by_a_person(backend: str, archive: Path, display: str, folder: Path) ->
     def blender(*words) -> str:
         command = list(map(str, (os.environ["BLENDER"], *words)))
         run = subprocess.run(command, env=env, capture_output=True, text=True, timeout=400)
+        assert run.returncode == 0, run.stdout + run.stderr
         return run.stdout + run.stderr
 
     said = blender("--command", "extension", "install-file", "-r", "user_default", "-e", archive)
-    words = ("--window-geometry", 0, 0, 1400, 900, "--gpu-backend", backend)
-    driver = ("--python", TESTS / "interface_drive.py", "--", out, photographs, result)
-    said += blender(*words, scene, *driver)
+    window = ("--window-geometry", 0, 0, 1400, 900, "--gpu-backend", backend)
+    said += blender(*window, scene, "--python", TESTS / driver, "--", *words, photographs, result)
     assert result.exists(), said
     found = json.loads(result.read_text())
     assert "failure" not in found, found["failure"] + said
@@ -75,7 +74,8 @@ def parts(image: np.ndarray) -> np.ndarray:
 
 
 def check_a_session(backend, archive, display, tmp_path):
-    found = used_by_a_person(backend, archive, display, tmp_path)
+    shutil.rmtree(PHOTOGRAPHS / backend, ignore_errors=True)
+    found = in_a_window(backend, archive, display, tmp_path, "interface_drive.py", tmp_path / "out.exr")
     layers = [layer.name for layer in read_layers(tmp_path / "out.exr").layers]
     assert found["tab"] == "Strata"
     assert {"strata.bake", "strata.plan", "strata.samples"} <= set(found["buttons"])
@@ -116,5 +116,25 @@ def check_a_session(backend, archive, display, tmp_path):
     assert len(list((PHOTOGRAPHS / backend).glob("*.png"))) == 10
 
 
+def check_renders(backend, device, archive, display, tmp_path):
+    found = in_a_window(backend, archive, display, tmp_path, "interface_render.py", device)
+    for name in ("WINDOW", "NONE", "AREA", "SCREEN"):
+        seen = found[name]
+        assert seen["renders"], name
+        assert seen["gap"] < 3.0 * seen["idle"] + 0.5, (name, seen)
+        assert seen["seconds to cancel"] < SECONDS_TO_CANCEL, (name, seen)
+    assert found["seconds to open a file"] < SECONDS_TO_CANCEL
+    assert not found["renders after opening"]
+    assert found["F12"] == found["script"] == [device, "asked for"]
+    assert found["locked"][0] == "cpu"
+    assert ("Lock Interface" in found["locked"][1]) == (device == "gpu")
+    assert found["renders when it quits"]
+
+
 if "BLENDER" in os.environ:
     test_a_session = pytest.mark.parametrize("backend", ["opengl", "vulkan"])(check_a_session)
+
+    @pytest.mark.parametrize("device", ["cpu", "gpu"])
+    @pytest.mark.parametrize("backend", ["opengl", "vulkan"])
+    def test_renders(backend, device, archive, display, tmp_path):
+        check_renders(backend, device, archive, display, tmp_path)

@@ -39,9 +39,9 @@ SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "lavapipe", "swiftshader
 class GpuDevice:
     """Runs shaders. Values are GpuImage, GpuGeometry and dicts and tuples of them.
 
-    Make it on the main thread. It may be used on another one where Blender gives that one a GPU context
-    (F12 with `bl_use_gpu_context`): textures and programs are shared between contexts, while framebuffers
-    and batches, which are not, are made anew at each draw.
+    It works on the main thread only, which has a GPU context while it draws and in operators, though not
+    always in timers. Windows have contexts of their own: textures and programs are shared between them,
+    while framebuffers and batches, which are not, are made anew at each draw.
     """
 
     TRIANGLES_PER_DRAW = 1 << 20
@@ -69,6 +69,14 @@ class GpuDevice:
         self.description = f"{self.renderer}, {platform.backend_type_get()}"
         self.is_software = any(word in self.description.lower() for word in SOFTWARE_RENDERERS)
         self.largest_texture = self._gpu.capabilities.max_texture_size_get()
+
+    def has_context(self) -> bool:
+        """Whether the GPU can be used on this thread now."""
+        try:
+            self._gpu.types.GPUOffScreen(1, 1).free()
+        except RuntimeError:
+            return False
+        return True
 
     # The scene
 

@@ -12,11 +12,12 @@ from .. import preview
 from ..bake import Baked, BakeJob, read_depsgraph
 from ..core.errors import Cancelled, one_line, told_once
 from ..core.naming import ENGINE_ID
-from ..job import Runner
+from ..devices.start import Devices, start_devices
 from ..ui.properties import options_of
 from ..ui.registration import Classes
 from ..ui.state import STATE
-from . import compatible_panels, material_preview, passes, sockets
+from . import compatible_panels, handover, material_preview, passes, sockets
+from .handover import NotServed, runner_of
 from .passes import COMBINED, PassImage
 
 POLL_SECONDS = 0.05  # between two looks whether the user cancelled
@@ -31,10 +32,10 @@ class StrataRenderEngine(bpy.types.RenderEngine):
     bl_use_postprocess = True
     bl_use_eevee_viewport = True  # Material Preview shading is EEVEE's
     bl_use_shading_nodes_custom = False
-    # In a window F12 renders on a thread of its own, which gets a GPU context so. In background it is the
-    # main thread, where the GPU device starts Blender's context itself or says why not: asked for here,
-    # Blender 5.2 ends with a segmentation fault on machines that have none.
-    bl_use_gpu_context = not bpy.app.background
+    # With a GPU context on the render's thread, Blender's main thread would wait for the whole render as soon
+    # as it draws a viewport or an image. In background the GPU device starts the context itself or says why
+    # not: asked for here, Blender 5.2 ends with a segmentation fault on machines that have none.
+    bl_use_gpu_context = False
 
     def update_render_passes(self, scene=None, renderlayer=None):
         told_once(self._register_passes)(scene, renderlayer)
@@ -57,8 +58,7 @@ class StrataRenderEngine(bpy.types.RenderEngine):
             self.register_pass(scene, renderlayer, kind.name, len(kind.channels), kind.channels, kind.type)
 
     def _render(self, depsgraph) -> None:
-        job = self._job(depsgraph)
-        baked = self._baked(job)
+        job, baked = self._rendered(depsgraph)
         layer_name = depsgraph.view_layer.name
         self._write(layer_name, passes.images_of(baked, job.outline, depsgraph), baked)
         STATE.show_plan(depsgraph.scene.session_uid, job.graph)
@@ -85,14 +85,24 @@ class StrataRenderEngine(bpy.types.RenderEngine):
         if parent:
             parent()
 
-    def _job(self, depsgraph) -> BakeJob:
+    def _rendered(self, depsgraph) -> tuple[BakeJob, Baked]:
         self.update_stats("", "Strata: Reading the scene")
         options = options_of(depsgraph.scene_eval, composite=True)
         *read, seconds = read_depsgraph(depsgraph, options)
-        return BakeJob(*read, options, read_seconds=seconds)
+        devices = start_devices(options.backend)
+        try:
+            job = BakeJob(*read, options, devices, seconds)
+            return job, self._baked(job, depsgraph.scene.render.use_lock_interface)
+        except NotServed as reason:
+            self.report({"WARNING"}, f"Rendered on the CPU: {reason}")
+            devices = Devices(devices.fallback, devices.fallback, str(reason))
+            job = BakeJob(*read, options, devices, seconds)
+            return job, self._baked(job)
 
-    def _baked(self, job: BakeJob) -> Baked:
-        runner = Runner(job)
+    def _baked(self, job: BakeJob, is_locked: bool = False) -> Baked:
+        """`is_locked`: the window takes no events while it renders. Raises NotServed where the job is the
+        GPU's, and this thread cannot have it."""
+        runner = runner_of(job, is_locked)
         try:
             while (baked := runner.step(POLL_SECONDS)) is None:
                 if self.test_break():
@@ -125,6 +135,7 @@ _classes = Classes(StrataRenderEngine)
 
 def register() -> None:
     _classes.register()
+    handover.register()
     compatible_panels.register()
     sockets.register()
 
@@ -132,4 +143,5 @@ def register() -> None:
 def unregister() -> None:
     sockets.unregister()
     compatible_panels.unregister()
+    handover.unregister()
     _classes.unregister()
