@@ -161,3 +161,13 @@ def test_bad_options_are_refused_in_one_line(options, words):
         bake_file(SAMPLES / "plain.blend", Options(**options))
     assert words in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+def test_the_file_that_blender_starts_with_bakes(tmp_path):
+    bpy.ops.wm.read_factory_settings()
+    path = str(tmp_path / "startup.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    layer = bake_file(path, Options(backend="cpu")).layers.layers[0]
+    low, high = layer.error["ci95"]
+    assert low <= layer.error["value"] <= high
+    assert 0.0 < high < 0.1

@@ -111,6 +111,14 @@ def test_the_seed_chooses_the_probes():
     assert other.report.layers[0].error.value != errors[0].value
 
 
+def test_a_layer_that_is_right_wherever_it_is_screened_has_an_upper_limit():
+    baked = job_of(*scene_of([FLOOR], [lamp()])).result()
+    (layer,) = baked.report.layers
+    assert layer.error.value == layer.error.ci95[0] == 0.0
+    assert 0.0 < layer.error.ci95[1] < 0.05
+    assert layer.error.probes == 0
+
+
 def test_looking_and_measuring_come_in_slices():
     outline, arrays = random_scene(1)
     job = job_of(replace(outline, frame_size=(1600, 1600)), arrays, probes=2048)

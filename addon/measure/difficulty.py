@@ -90,7 +90,8 @@ def _neighbours(image: np.ndarray):
 
 
 def _jump(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.maximum(a, b) > DEPTH_JUMP * np.minimum(a, b)
+    with np.errstate(over="ignore"):
+        return np.maximum(a, b) > DEPTH_JUMP * np.minimum(a, b)
 
 
 def near_changes(change_x: np.ndarray, change_y: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from ..core.view_rays import ViewRays
 from .difficulty import KIND_BITS, Difficulty, largest_nearby, near_jumps
 from .estimate import Compared, sampled_part
 from .interval import joined, limits
-from .probes import Band, Kept
+from .probes import Band, Kept, finite
 from .report import LayerError
 from .survey import allot, shared_looks
 
@@ -85,7 +85,7 @@ def measure_light(
 ) -> Measuring:
     """Relative L2 of a layer of `pixels` pixels whose values add up to `total` over pixels and channels, from
     ProbeCollector.kept."""
-    strata = [_with_channels(each) for each in strata]
+    strata = [_with_channels(each) for each in strata if len(each.pixels)]
     channels = strata[0].values.shape[1] if strata else 1
     mean = abs(total) / max(pixels * channels, 1)
     # What is summed are squares, so bright pixels count most: errors are expected to follow the values, and
@@ -155,14 +155,15 @@ def measure_mask(
     samples, seed)`: offsets as core/sampling.footprints.
     """
     pixels = image.shape[0] * image.shape[1]
-    flat = np.nan_to_num(image.reshape(pixels, -1).astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    flat = finite(image.reshape(pixels, -1))
+    strata = [each for each in strata if len(each.pixels)]
     totals = dict.fromkeys(Difficulty, 0)
     for each in strata:
         totals[each.difficulty] += each.population
     # Half of the probes go to where the layer changes, as far as there is use for them.
     wishes = [each.population / totals[each.difficulty] for each in strata]
     compared = []
-    for number, stratum in enumerate(_chosen(list(strata), probes, wishes)):
+    for number, stratum in enumerate(_chosen(strata, probes, wishes)):
         halves = []
         for index, start in enumerate(range(0, len(stratum.pixels), PIXELS_AT_ONCE)):
             chosen = stratum.pixels[start : start + PIXELS_AT_ONCE].astype(np.int64)

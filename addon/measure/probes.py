@@ -242,7 +242,7 @@ class ProbeCollector:
                 priorities[layer.effect] = hash_bits(self._seed, *words)
             names = (("layer", layer.name), *layer.attributes)
             values, *surface = (_flat(block[name][inner]) for name in names)
-            self.totals[layer.name] += float(_finite(values).sum())
+            self.totals[layer.name] += float(finite(values).sum())
             self._offer(layer, codes[layer.name], [priorities[layer.effect], pixels, values, *surface])
             yield
 
@@ -289,7 +289,7 @@ class ProbeCollector:
             order = np.argsort(smallest.columns[1])
             priorities, pixels, values, *surface = (column[order] for column in smallest.columns)
             surface = dict(zip(attributes, surface, strict=True))
-            yield Kept(code, smallest.population, pixels, priorities, _finite(values), surface)
+            yield Kept(code, smallest.population, pixels, priorities, finite(values), surface)
 
 
 def shadow_strata(collector: ProbeCollector, watched: WatchedShadow) -> tuple[Stratum, ...]:
@@ -312,9 +312,9 @@ def _flat(image: np.ndarray) -> np.ndarray:
     return image.reshape(-1, *image.shape[2:])
 
 
-def _finite(values: np.ndarray) -> np.ndarray:
+def finite(values: np.ndarray) -> np.ndarray:
     """float64. A viewer shows what is not finite as black, so that is what it counts as."""
-    return np.nan_to_num(values.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    return np.nan_to_num(np.asarray(values, np.float64), nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def _kind(code: int) -> Difficulty:

@@ -13,7 +13,7 @@ from ..core.random import hash_bits
 from .difficulty import Difficulty
 from .estimate import Measured
 from .interval import joined, limits
-from .probes import KEPT, Stratum, take, together
+from .probes import KEPT, Stratum, finite, take, together
 from .report import LayerError
 from .survey import (
     BinarySurvey,
@@ -44,6 +44,7 @@ def measure_visibility(
     Many pixels are screened with few rays; then about `probes` get 2 x 128, where the screening contradicts
     the layer and across the penumbra. Yields between slices of work.
     """
+    strata = [stratum for stratum in strata if len(stratum.values)]
     surveys = yield from _screened(strata, probes, weigh, screen, reference, seed)
     probing_seed = int(hash_bits(seed, len(strata)))
     found = yield from _probed(surveys, probes, reference, probing_seed)
@@ -51,7 +52,10 @@ def measure_visibility(
 
     total = joined(each.part for each in estimates)
     weight = math.fsum(each.weight for each in estimates)
-    low, high = (_ratio(limit, weight) for limit in limits(total))
+    # Weighed back, a few unequal pixels may stand for more than there is; no visibility is off by over 1.
+    value, low, high = (
+        min(math.sqrt(max(_ratio(each, weight), 0.0)), 1.0) for each in (total.total, *limits(total))
+    )
     errors, weights, sampling = (
         np.concatenate([np.zeros(0), *(getattr(each, name) for each in estimates)])
         for name in ("errors", "weights", "sampling")
@@ -59,8 +63,8 @@ def measure_visibility(
     traced = [measured for each in found for measured in each]
     return LayerError(
         metric=Metric.WEIGHTED_RMSE.value,
-        value=math.sqrt(_ratio(max(total.total, 0.0), weight)),
-        ci95=(math.sqrt(low), min(math.sqrt(high), 1.0)),
+        value=value,
+        ci95=(low, high),
         bias=_ratio(math.fsum(each.bias for each in estimates), weight),
         p99=quantile(errors, weights, 0.99, sampling),
         max=maximum(errors, weights, sampling),
@@ -76,7 +80,7 @@ def _screened(strata, probes, weigh, screen, reference, seed) -> Generator[None,
     where errors are likely."""
     weights = []
     for stratum in strata:
-        weights.append(np.asarray(weigh(stratum.points), np.float64))
+        weights.append(finite(weigh(stratum.points)))  # infinite on a lamp without size
         yield
     pairs = list(zip(strata, weights, strict=True))
     wishes = [LIKELY.get(s.difficulty, 1.0) * s.population * float(w.mean()) for s, w in pairs]
@@ -119,7 +123,11 @@ def _probed(
         return reference(points, SAMPLES, seed)
 
     traced = yield from in_slices(many, points, 2 * SAMPLES, seed)
-    halves, weights = (np.concatenate(arrays).astype(np.float64) for arrays in zip(*traced, strict=True))
+    # Nothing is traced where the layer is right wherever it was screened.
+    halves = np.concatenate([np.zeros((0, 2)), *(halves for halves, _ in traced)])
+    weights = np.concatenate([np.zeros(0), *(finite(weights) for _, weights in traced)])
+    if not np.isfinite(halves).all():
+        raise ValueError("a reference returned values that are not finite")
     result, start = [], 0
     for survey, groups in zip(surveys, chosen, strict=True):
         result.append([])
