@@ -13,7 +13,7 @@ from .core.arrays import Arrays
 from .core.effect import Effect
 from .core.errors import Cancelled, StrataError
 from .core.executor import Execution, Executor
-from .core.graph import Graph, Node
+from .core.graph import Graph, Node, PlannedLayer
 from .core.layers import Layer, LayerSet
 from .core.outline import Outline
 from .core.recorder import plan
@@ -26,7 +26,7 @@ from .effects.shared import composite, lit
 from .effects.shared.look import look
 from .effects.shared.steps import ray_accelerator
 from .measure.measure import Measurement
-from .measure.report import LayerError, Report, StepTime, report_of
+from .measure.report import LayerError, NotMeasured, Report, StepTime, report_of
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,8 @@ class BakeJob:
         looked = executor.execution.timings
         outline, options = self.outline, self.options
         sampling = Sampling(*outline.computed_size, options.samples, outline.pixel_filter)
-        measurement = Measurement(self.graph, outline, options.probes, options.seed)
+        cancelled = (*self.devices.primary.cancelled, *self.devices.fallback.cancelled)
+        measurement = Measurement(self.graph, outline, options.probes, options.seed, cancelled)
         self.stage = "Baking"
         share = 0.75 if options.probes else 1.0
         for done in executor.run(self.graph, sampling, measurement if options.probes else None):
@@ -185,14 +186,36 @@ class BakeJob:
 
     def _measure(
         self, measurement: Measurement, executor: Executor, share: float
-    ) -> Generator[None, None, dict[str, LayerError]]:
+    ) -> Generator[None, None, dict[str, LayerError | NotMeasured]]:
         """Each layer's error, by name: rays against the layer's own casters, on the CPU whatever made the
         layer. `share` of the bake is done."""
         self.stage = "Measuring"
         layers = [layer for layer in self.graph.layers if layer.kind.reference]
         if not layers:
             return {}
-        device, graph, execution = self.devices.fallback, self.graph, executor.execution
+        prepared = yield from measurement.guarded(self._rays(executor))
+        if isinstance(prepared, NotMeasured):
+            return {layer.name: prepared for layer in layers}
+        rays, seconds = prepared
+        errors = {}
+        for number, layer in enumerate(layers, start=1):
+            work = self._measured(measurement, layer, rays, executor.execution.images[layer.name])
+            error = yield from measurement.guarded(work)
+            if isinstance(error, LayerError):
+                error = replace(error, seconds=error.seconds + seconds / len(layers))
+            errors[layer.name] = error
+            self.progress = share + (1.0 - share) * number / len(layers)
+        return errors
+
+    def _measured(
+        self, measurement: Measurement, layer: PlannedLayer, rays: CpuRays, image: np.ndarray
+    ) -> Generator[None, None, LayerError | NotMeasured]:
+        casters = self.devices.fallback.instance_mask(layer.casters)
+        return (yield from self._unless_cancelled(measurement.measure(layer, rays, casters, image)))
+
+    def _rays(self, executor: Executor) -> Generator[None, None, tuple[CpuRays, float]]:
+        """What references trace with, and the seconds that it took and are no layer's."""
+        device, graph = self.devices.fallback, self.graph
         accelerator, seconds = _value_apart(executor, ray_accelerator(self.outline), device)
         yield
         camera = device.camera_rays(graph.surface.params["visible"], graph.surface_attributes)
@@ -204,14 +227,7 @@ class BakeJob:
             value=lambda node: executor.value(node, device),
             texture=device.texture,
         )
-        errors = {}
-        for number, layer in enumerate(layers, start=1):
-            casters = device.instance_mask(layer.casters)
-            work = measurement.measure(layer, rays, casters, execution.images[layer.name])
-            error = yield from self._unless_cancelled(work)
-            errors[layer.name] = replace(error, seconds=error.seconds + seconds / len(layers))
-            self.progress = share + (1.0 - share) * number / len(layers)
-        return errors
+        return rays, seconds
 
     def _unless_cancelled[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
         """The same; raises Cancelled at its next slice once the flag is set."""
@@ -224,7 +240,9 @@ class BakeJob:
                 return end.value
             yield
 
-    def _finished(self, execution: Execution, errors: dict[str, LayerError], seconds: float) -> Baked:
+    def _finished(
+        self, execution: Execution, errors: dict[str, LayerError | NotMeasured], seconds: float
+    ) -> Baked:
         outline = self.outline
         own = _own_nodes(self.graph)
         chosen = {effect.id: params for effect, params in self.options.chosen().items()}
@@ -297,10 +315,12 @@ def _value_apart(executor: Executor, node: Node, device) -> tuple[Any, float]:
     """A node's value, and the seconds that it took, if any: they are no layer's, and not in the timings."""
     timings = executor.execution.timings
     before = {key: replace(timing) for key, timing in timings.items()}
-    value = executor.value(node, device)
-    seconds = sum(timing.seconds for timing in timings.values())
-    timings.clear()
-    timings.update(before)
+    try:
+        value = executor.value(node, device)
+        seconds = sum(timing.seconds for timing in timings.values())
+    finally:
+        timings.clear()
+        timings.update(before)
     return value, seconds - sum(timing.seconds for timing in before.values())
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 from strata.addon.core.layers import Layer, LayerSet
+from strata.addon.measure.report import NotMeasured, error_of
 
 WIDTH, MARGIN, GAP = 1600, 48, 28
 BACKGROUND, PANEL, TEXT, QUIET, ACCENT = "#15171c", "#1d2027", "#eceef2", "#9aa3b2", "#f2b261"
@@ -108,16 +109,21 @@ def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int) -> None:
     seconds = f"{layer.seconds:.2f} s"
     draw.text((x + width - 16, y + height + 13), seconds, ACCENT, label_font(20), anchor="ra")
     for line, text in enumerate(error_lines(layer.error)):
-        draw.text((x + 16, y + height + 44 + 22 * line), text, ACCENT if not line else QUIET, label_font(16))
+        font = label_font(16)
+        text = _fitted(draw, text, font, width - 32)
+        draw.text((x + 16, y + height + 44 + 22 * line), text, ACCENT if not line else QUIET, font)
 
 
 def error_lines(error: dict) -> tuple[str, str]:
     """The two caption lines: value with its interval, and how it was measured."""
-    if not error:
+    found = error_of(error)
+    if found is None:
         return "error not measured", ""
-    low, high = error["ci95"]
-    value = f"{error['metric']} {error['value']:.4f}  (95%: {low:.4f} to {high:.4f})"
-    return value, f"{error['probes']} probes · {error['reference']}"
+    if isinstance(found, NotMeasured):
+        return "error not measured", found.why
+    low, high = found.ci95
+    value = f"{found.metric} {found.value:.4f}  (95%: {low:.4f} to {high:.4f})"
+    return value, f"{found.probes} probes · {found.reference}"
 
 
 def _fitted(draw, text: str, font, width: int) -> str:

@@ -15,7 +15,11 @@ from strata.addon.core.errors import Cancelled, StrataError
 from strata.addon.core.outline import Bounds, Camera, Instance, Light, Material, Mesh, Outline
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared.look import COARSER, seen_boxes
+from strata.addon.effects.soft_shadow import EFFECT as SOFT_SHADOW
+from strata.addon.effects.soft_shadow.reference import evaluate
 from strata.addon.effects.soft_shadow.run import needed
+from strata.addon.measure.probes import ProbeCollector
+from strata.addon.measure.report import LayerError, NotMeasured, format_table
 
 IDENTITY = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
 DOWN = {"right": (1.0, 0.0, 0.0), "up": (0.0, 1.0, 0.0), "forward": (0.0, 0.0, -1.0)}
@@ -192,3 +196,68 @@ def test_reasons_name_their_cause():
     assert "ray visibility" in reason(replace(lamp(), receivers=frozenset()))
     assert reason(replace(lamp(), receivers=frozenset({1}))) == ""
     assert reason(replace(lamp(), casts_shadow=False)) == "its shadow is switched off"
+
+
+WRONG_SIDE = 1.0
+
+
+def broken_for(error: BaseException):
+    """The reference of soft shadows, which raises for lamps at x = WRONG_SIDE."""
+
+    def reference(rays, light, points, samples, seed):
+        if light.emitter.centre[0] == WRONG_SIDE:
+            raise error
+        return evaluate(rays, light, points, samples, seed)
+
+    return reference
+
+
+def two_lamps(monkeypatch, error: BaseException, **options) -> BakeJob:
+    """A lamp whose shadow's reference raises, and a good one."""
+    kind = replace(SOFT_SHADOW.layers[0], reference=broken_for(error))
+    lamps = [lamp((WRONG_SIDE, 0.0, 5.0)), replace(lamp((0.0, 0.0, 5.0)), name="Other", key="Other")]
+    outline, arrays = scene_of([FLOOR, PLATE], lamps)
+    job = job_of(outline, arrays, **options)
+    original = BakeJob._measure
+
+    def measured(self, *arguments):
+        layers = tuple(replace(layer, kind=kind) for layer in self.graph.layers)
+        self.graph = replace(self.graph, layers=layers)
+        return original(self, *arguments)
+
+    monkeypatch.setattr(BakeJob, "_measure", measured)
+    return job
+
+
+@pytest.mark.parametrize("error", [ValueError("no\nluck"), MemoryError(), ZeroDivisionError()])
+def test_a_layer_that_cannot_be_measured_is_baked_and_the_others_measured(monkeypatch, error):
+    baked = two_lamps(monkeypatch, error).result()
+    bad, good = baked.report.layers
+    assert isinstance(bad.error, NotMeasured)
+    assert "\n" not in bad.error.why
+    assert isinstance(good.error, LayerError)
+    assert set(baked.layers.layers[0].error) == {"not_measured"}
+    assert baked.layers.layers[0].pixels.min() < 0.1 < baked.layers.layers[0].pixels.max()
+    assert f"{bad.name} is not measured: " in format_table(baked.report)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), Cancelled()])
+def test_interrupts_pass_through_measuring(monkeypatch, error):
+    with pytest.raises(type(error)):
+        two_lamps(monkeypatch, error).result()
+
+
+def test_layers_are_whole_where_no_probe_was_collected(monkeypatch):
+    def refuse(self, *arguments):
+        raise MemoryError
+        yield
+
+    monkeypatch.setattr(ProbeCollector, "_draw", refuse)
+    (layer,) = bake().layers.layers
+    assert layer.error == {"not_measured": "not enough memory"}
+
+
+def test_layers_are_whole_where_the_tree_cannot_be_built(monkeypatch):
+    monkeypatch.setattr("strata.addon.bake.ray_accelerator", lambda outline: 1 / 0)
+    (layer,) = bake().layers.layers
+    assert "ZeroDivisionError" in layer.error["not_measured"]

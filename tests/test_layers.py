@@ -22,9 +22,10 @@ from strata.addon.core.naming import LONGEST, lamp_pass_name, layer_name
 from strata.addon.layers.exr import write_layers
 from strata.addon.layers.files import check_writable, replaced
 from strata.addon.layers.images import make_images
+from strata.addon.measure.report import LayerError
 
 WIDTH, HEIGHT = 7, 5
-ERROR = {"metric": "weighted rmse", "value": 0.011, "ci95": [0.01, 0.012], "probes": 64, "reference": "rays"}
+ERROR = LayerError("weighted rmse", 0.011, (0.01, 0.012), 0.0, 0.1, 0.2, 64, "rays", 1e-3, 0.1).to_json()
 
 
 def pixels(channels: str, seed: int = 0) -> np.ndarray:
@@ -256,7 +257,7 @@ def test_images_are_new_and_exact():
 
 
 def test_contact_sheet_multiplies_each_light_by_its_own_shadow(tmp_path):
-    from contact_sheet import AMBIENT, composite, save_contact_sheet
+    from contact_sheet import AMBIENT, composite, error_lines, save_contact_sheet
 
     shadow = Layer("Soft Shadow Key", "V", np.zeros((HEIGHT, WIDTH), np.float32), "soft_shadow", "Key", 0)
     lit = {
@@ -267,6 +268,9 @@ def test_contact_sheet_multiplies_each_light_by_its_own_shadow(tmp_path):
     np.testing.assert_allclose(total, 2.0 * AMBIENT + 3.0, rtol=1e-6)  # float32 sums
     path = tmp_path / "sheet.png"
     save_contact_sheet(path, layer_set(shadow, layer("Glow", "RGBA")), lit)
+    assert error_lines({}) == ("error not measured", "")
+    assert error_lines({"not_measured": "no memory"}) == ("error not measured", "no memory")
+    assert error_lines(ERROR)[0].startswith("weighted rmse 0.0110")
     with Image.open(path) as sheet:
         assert sheet.width == 1600
         assert sheet.getextrema()[0][1] > 200  # the lit image is there, and bright

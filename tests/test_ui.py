@@ -10,6 +10,7 @@ from conftest import SAMPLES
 from effect_presets import FOLDER, presets
 from strata.addon.bake import Options, plan_scene, read_scene
 from strata.addon.effects.registry import EFFECTS
+from strata.addon.measure.report import LayerError, NotMeasured
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.ui import migration, plot
 from strata.addon.ui.properties import options_of
@@ -264,9 +265,13 @@ def test_plot_of_nothing_is_empty():
 
 
 def test_history_is_kept_by_scene_and_is_bounded():
-    report = {
-        "layers": [{"name": "A", "seconds": 1.0, "error": {"value": 0.5}}, {"name": "B", "seconds": 1.0}]
-    }
+    error = LayerError("weighted rmse", 0.5, (0.4, 0.6), 0.0, 0.9, 1.0, 64, "ray traced", 0.01, 0.1)
+    layers = [
+        {"name": "A", "seconds": 1.0, "error": error.to_json()},
+        {"name": "B", "seconds": 1.0},
+        {"name": "C", "seconds": 1.0, "error": NotMeasured("no memory").to_json()},
+    ]
+    report = {"layers": layers}
     try:
         for _ in range(1000):
             STATE.show_report(-1, report)

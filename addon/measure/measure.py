@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.device import RayCaster, ShadowLight
 from ..core.effect import Metric
+from ..core.errors import Cancelled, one_line
 from ..core.graph import Graph, PlannedLayer
 from ..core.outline import Outline
 from ..core.random import hash_bits, text_bits
@@ -18,7 +19,7 @@ from ..core.surface import Chunk
 from ..core.view_rays import view_rays
 from .image import WatchedImage, measure_light, measure_mask
 from .probes import ProbeCollector, WatchedShadow, shadow_strata
-from .report import LayerError
+from .report import LayerError, NotMeasured
 from .visibility import measure_visibility
 
 
@@ -26,12 +27,23 @@ class Measurement:
     """Collects probes while a graph runs (core/executor.py, Collector), then measures layer by layer those
     that have a reference.
 
-    `probes`: how many pixels of a layer get the slow reference.
+    `probes`: how many pixels of a layer get the slow reference; `cancelled`: what devices raise when they are
+    cancelled. Whatever else goes wrong is told in place of the error: measuring never costs a layer.
     """
 
-    def __init__(self, graph: Graph, outline: Outline, probes: int, seed: int):
+    def __init__(
+        self,
+        graph: Graph,
+        outline: Outline,
+        probes: int,
+        seed: int,
+        cancelled: tuple[type[Exception], ...] = (),
+    ):
         self.probes, self.seed = probes, seed
         self._outline = outline
+        # GeneratorExit: whoever ran it has gone. A panic of the kernels is a BaseException too.
+        self._passes_through = (Cancelled, KeyboardInterrupt, SystemExit, GeneratorExit, *cancelled)
+        self._lost: NotMeasured | None = None  # why there are no probes
         attributes = tuple(sorted(graph.surface_attributes))
         self._watched = {
             layer.name: _watched(layer, outline, attributes) for layer in graph.layers if layer.kind.reference
@@ -44,16 +56,32 @@ class Measurement:
         self, chunk: Chunk, surface: dict[str, np.ndarray], layers: dict[str, np.ndarray]
     ) -> Generator[None]:
         """See ProbeCollector.add."""
+        if self._lost:
+            return
         if chunk.sample == 0:
             self._jitter = chunk.jitter
-        _, seconds = yield from timed(self._collector.add(chunk, surface, layers))
+        work = timed(self.guarded(self._collector.add(chunk, surface, layers)))
+        self._lost, seconds = yield from work
         self._collecting_seconds += seconds / max(len(self._watched), 1)
+
+    def guarded[Result](
+        self, work: Generator[None, None, Result]
+    ) -> Generator[None, None, Result | NotMeasured]:
+        """The same, which returns why where it fails."""
+        try:
+            return (yield from work)
+        except self._passes_through:
+            raise
+        except BaseException as error:
+            return NotMeasured(one_line(error))
 
     def measure(
         self, layer: PlannedLayer, rays: RayCaster, casters: np.ndarray, image: np.ndarray
-    ) -> Generator[None, None, LayerError]:
+    ) -> Generator[None, None, LayerError | NotMeasured]:
         """One layer's error, after the last tile; yields between slices of work. `casters` (instances,)
         uint8: what can block the light; `image` (height, width[, channels]): the finished layer."""
+        if self._lost:
+            return self._lost
         error, seconds = yield from timed(self._measuring(layer, rays, casters, image))
         return replace(error, seconds=self._collecting_seconds + seconds)
 

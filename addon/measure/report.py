@@ -53,10 +53,34 @@ class LayerError:
     share_off_by_1_percent: float | None = None
     mean_absolute_error: float | None = None
 
+    def __post_init__(self):
+        """Raises ValueError where a figure is not finite."""
+        self.to_json()
+
     def to_json(self) -> dict[str, Any]:
         numbers = {key: rounded(item) for key, item in vars(self).items() if isinstance(item, float)}
         plain = {**vars(self), **numbers, "ci95": [rounded(limit) for limit in self.ci95]}
         return {key: item for key, item in plain.items() if item is not None}
+
+
+@dataclass(frozen=True)
+class NotMeasured:
+    """In place of a layer's error: `why` measuring it failed, one line. The layer itself is whole."""
+
+    why: str
+
+    def to_json(self) -> dict[str, Any]:
+        return {"not_measured": self.why}
+
+
+def error_of(entry: Mapping[str, Any] | None) -> LayerError | NotMeasured | None:
+    """What `to_json` made of a layer's error, read back; None for a layer that nobody wanted measured."""
+    if not entry:
+        return None
+    if "not_measured" in entry:
+        return NotMeasured(entry["not_measured"])
+    low, high = entry["ci95"]
+    return LayerError(**{**entry, "ci95": (low, high)})
 
 
 @dataclass(frozen=True)
@@ -70,7 +94,7 @@ class LayerReport:
     seconds: float
     seconds_alone: float
     non_finite: int
-    error: LayerError | None
+    error: LayerError | NotMeasured | None
     antialiasing: float | None = None
 
     def to_json(self) -> dict[str, Any]:
@@ -137,13 +161,13 @@ def report_of(
     steps: Iterable[StepTime],
     images: Mapping[str, np.ndarray],
     costs: Mapping[str, tuple[float, float]],
-    errors: Mapping[str, LayerError],
+    errors: Mapping[str, LayerError | NotMeasured],
     warnings: Sequence[str],
     spread: Mapping[str, np.ndarray] | None = None,
     samples: int = 1,
 ) -> Report:
     """Puts a bake's figures together. By layer name: `images`, `costs` (seconds, seconds alone), `errors` of
-    the layers that were measured, and `spread` (Execution.spread) of `samples` samples a pixel."""
+    the layers that were to be measured, and `spread` (Execution.spread) of `samples` samples a pixel."""
     layers = [
         LayerReport(
             layer.name,
@@ -213,6 +237,7 @@ def format_table(report: Report) -> str:
         *columns(
             ["layer", "seconds", "error", "95% interval", "99% below", "max", "metric"], _layer_rows(report)
         ),
+        *[line for layer in report.layers for line in _why_not_measured(layer)],
         "",
         *columns(["step", "for", "device", "seconds"], _step_rows(report)),
     ]
@@ -233,7 +258,7 @@ def _layer_rows(report: Report) -> list[list[str]]:
     rows = []
     for layer in report.layers:
         row = [layer.name, f"{layer.seconds:.2f}"]
-        if layer.error is None:
+        if not isinstance(layer.error, LayerError):
             row += ["not measured", "", "", "", ""]
         else:
             error = layer.error
@@ -244,6 +269,12 @@ def _layer_rows(report: Report) -> list[list[str]]:
             row[-1] = f"{row[-1]}; {layer.non_finite} values are not finite".lstrip("; ")
         rows.append(row)
     return rows
+
+
+def _why_not_measured(layer: LayerReport) -> list[str]:
+    if not isinstance(layer.error, NotMeasured):
+        return []
+    return wrapped(layer.error.why, f"  {layer.name} is not measured: ")
 
 
 def _step_rows(report: Report) -> list[list[str]]:

@@ -12,6 +12,7 @@ from ..core.effect import Effect
 from ..core.params import ParamSpec
 from ..core.ramp import Ramp
 from ..effects.registry import EFFECTS
+from ..measure.report import LayerError, NotMeasured, error_of
 from ..scene.own_settings import own_specs
 from . import plot
 from .state import STATE, PlanRow
@@ -229,19 +230,21 @@ def result(layout: bpy.types.UILayout, context) -> None:
         if made:
             _result_row(grid, 0, effect.title, "Error", "Time", is_active=False)
         for layer in made:
-            _layer_result(grid, layer, numbers)
+            _layer_result(grid, context, layer, numbers)
     for warning in report["warnings"]:
         text(layout, context, warning, "ERROR")
     layout.operator("strata.build_compositor", icon="NODE_COMPOSITING")
 
 
-def _layer_result(layout: bpy.types.UILayout, layer: dict, numbers: dict[str, int]) -> None:
-    name, error = layer["name"], layer.get("error")
+def _layer_result(layout: bpy.types.UILayout, context, layer: dict, numbers: dict[str, int]) -> None:
+    name, error = layer["name"], error_of(layer.get("error"))
     icon = plot.dot_icon(numbers[name]) if name in numbers else 0
-    shown = f"{error['value']:.4f}" if error else ""
+    shown = f"{error.value:.4f}" if isinstance(error, LayerError) else ""
     _result_row(layout, icon, layer.get("light") or name, shown, f"{layer['seconds']:.2f} s")
-    if error:
-        low, high = error["ci95"]
+    if isinstance(error, NotMeasured):
+        text(layout, context, f"not measured: {error.why}", "ERROR")
+    elif error:
+        low, high = error.ci95
         row = layout.row()
         row.active, row.scale_y = False, 0.7
         row.label(text=f"95% sure: {low:.4f} to {high:.4f}", icon="BLANK1")

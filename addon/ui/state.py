@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from ..measure.report import LayerError, error_of
+
 MOST_MARKS = 24  # of a layer in the plot of errors
 
 
@@ -55,8 +57,8 @@ class State:
         self.reports[scene] = report
         marks = self.marks.setdefault(scene, {})
         for layer in report["layers"]:
-            if layer.get("error"):
-                mark = Mark(layer["seconds"], layer["error"]["value"])
+            if isinstance(error := error_of(layer.get("error")), LayerError):
+                mark = Mark(layer["seconds"], error.value)
                 marks[layer["name"]] = [*marks.get(layer["name"], ()), mark][-MOST_MARKS:]
         self.reports_shown += 1
 
