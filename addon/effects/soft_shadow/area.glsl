@@ -44,10 +44,6 @@ int whole_region(Search search, out Region region)
   return levels - 1;
 }
 
-// Share of its rise by which a surface must be above the point: some times what the depth in the map and the
-// point's own round by. Nothing else keeps a surface that is parallel to the light's plane from shading itself.
-const float ROUNDING = 4e-7;
-
 // The sum over texels of the share of the light that the farthest occluding layer covers; overlaps count twice. The
 // last stored depth only serves as the next one of the layer before it. What of a texel lies in the window of a smaller
 // map is left to that one.
@@ -75,9 +71,10 @@ float area_hidden(Seen seen, Search search)
         float above = rise - seen.rise;
         float gradient = gradient_bias(rise, unpack_tilt(found.y));
         // Written so that an empty texel, whose difference to its midpoint is NaN, casts no shadow.
-        bool casts = above > max(gradient, ROUNDING * abs(rise)) && above > rise - midpoint(rise, next);
-        next = rise;
         vec2 low = vec2(texel) - at, high = low + 1.0;
+        bool casts = above > max(gradient, seen.rounding) && above > rise - midpoint(rise, next) &&
+                     clears_own_surface(seen, (low + 0.5) * texel_size, above);
+        next = rise;
         float area = casts ? covered(low, high, above, share, start) : 0.0;
         low = max(low, inner_low);
         high = min(high, inner_high);

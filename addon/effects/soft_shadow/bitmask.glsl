@@ -2,9 +2,6 @@
 #include "bits.glsl"
 #include "region.glsl"
 
-// Sine of the elevation, about, below which a texel belongs to the point's own surface.
-const float OWN_SURFACE = 0.01;
-
 // Smallest rise above the point that an edge of a tilted texel may come to, as a share of its middle's.
 const float LOWEST_EDGE = 1e-3;
 
@@ -27,15 +24,6 @@ void hide(inout Bits hidden, ivec2 x, ivec2 y)
     hidden.low |= found.x * uvec4(equal(low, ivec4(0))) | found.y * uvec4(equal(low, ivec4(1)));
     hidden.high |= found.x * uvec4(equal(high, ivec4(0))) | found.y * uvec4(equal(high, ivec4(1)));
   }
-}
-
-// Whether the middle of a texel, `place` from the point in the window, is above the tangent plane. The direction
-// to where it is projected, times `above`, needs no division.
-bool clears_own_surface(Seen seen, vec2 place, float above)
-{
-  vec3 direction = vec3(place, 0.0) - above * seen.base;
-  float size = abs(direction.x) + abs(direction.y) + abs(direction.z);
-  return dot(seen.geometric_normal, direction) > OWN_SURFACE * size;
 }
 
 // First and last sample that a texel's two edges on an axis come to.
@@ -189,7 +177,7 @@ void backproject_texel(Seen seen, Looked looked, uvec2 texel, vec2 offset, inout
   float rise = uintBitsToFloat(texel.x);
   float above = rise - seen.rise;
   vec2 tilt = unpack_tilt(texel.y);
-  if (above <= gradient_bias(rise, tilt) ||
+  if (above <= max(gradient_bias(rise, tilt), seen.rounding) ||
       is_within(offset * looked.texel_size, (offset + 1.0) * looked.texel_size, looked.inner) ||
       !clears_own_surface(seen, (offset + 0.5) * looked.texel_size, above))
   {

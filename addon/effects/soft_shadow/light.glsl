@@ -10,6 +10,12 @@
 #include "samples.glsl"
 #include "tables.glsl"
 
+// Share of its coordinates, turned into the view, by which a point's depth there may be off: light.rs.
+const float ROUNDING = 1e-6;
+
+// Sine of the elevation, about, below which a texel belongs to the point's own surface.
+const float OWN_SURFACE = 0.01;
+
 // Smallest half-angle (tangent) a light is given, so that a light of no size casts a hard shadow.
 const float SMALLEST_HALF_SIZE = 1e-4;
 
@@ -20,6 +26,7 @@ const float RIM = 2.5;
 struct Seen {
   vec2 window; // where the point projects, in window units
   float rise;
+  float rounding; // by how much that and the rise of the point's own surface in a map may differ
   vec3 base;   // D = (X - base.x, Y - base.y, -base.z)
   vec4 bounds; // left, right, bottom, top of the samples on the light's plane; zero lies inside
   vec3 geometric_normal;
@@ -74,14 +81,17 @@ bool see(vec3 position, vec3 geometric_normal, vec3 shading_normal, out Seen see
   seen.sin2_rim = 0.0;
   seen.too_close = false;
   seen.bounds = vec4(0.0);
+  float rounding = ROUNDING * (dot(abs(params.axis_z.xyz), abs(position)) + abs(params.axis_z.w));
 #ifdef ORTHOGRAPHIC
   seen.window = at.xy;
   seen.rise = -at.z;
+  seen.rounding = rounding;
   seen.base = vec3(0.0, 0.0, 1.0);
   bool visible = is_finite(at.x + at.y + at.z);
 #else
   seen.window = at.xy / at.z;
   seen.rise = 1.0 / at.z;
+  seen.rounding = rounding * seen.rise * seen.rise;
   seen.base = at;
   bool visible = at.z > 0.0 && is_finite(seen.rise) && is_finite(at.x + at.y + at.z);
 #endif
@@ -95,6 +105,15 @@ bool see(vec3 position, vec3 geometric_normal, vec3 shading_normal, out Seen see
 vec3 direction_to(Seen seen, vec2 place)
 {
   return vec3(place - seen.base.xy, -seen.base.z);
+}
+
+// Whether the middle of a texel, `place` from the point in the window, is above the tangent plane. The direction
+// to where it is projected, times `above`, needs no division.
+bool clears_own_surface(Seen seen, vec2 place, float above)
+{
+  vec3 direction = vec3(place, 0.0) - above * seen.base;
+  float size = abs(direction.x) + abs(direction.y) + abs(direction.z);
+  return dot(seen.geometric_normal, direction) > OWN_SURFACE * size;
 }
 
 // Where sample `i` lies on the light's plane.

@@ -2,12 +2,9 @@
 
 use super::choose::{Served, from_point};
 use super::light::Seen;
+use super::plain::clears_own_surface;
 use super::prepare::{EMPTY, unpack_tilt};
 use super::region::Region;
-
-/// Share of its rise by which a surface must be above the point: some times what the depth in the map and the
-/// point's own round by. Nothing else keeps a surface that is parallel to the light's plane from shading itself.
-const ROUNDING: f32 = 4e-7;
 
 /// The sum over texels of the share of the light that the farthest occluding layer covers; overlaps count twice.
 /// The last stored depth only serves as the next one of the layer before it. What of a texel lies in the window
@@ -35,7 +32,9 @@ pub fn hidden(served: &Served, seen: &Seen, region: &Region) -> f32 {
                 let above = rise - seen.rise;
                 let gradient = map.gradient_bias(rise, unpack_tilt(level.tilt[texel]));
                 let bias = gradient.max(rise - midpoint(map.view.orthographic, rise, next));
-                if above <= bias.max(ROUNDING * rise.abs()) {
+                let middle = [(du + 0.5) * texel_x as f32, (dv + 0.5) * texel_y as f32];
+                if above <= bias.max(seen.rounding) || !clears_own_surface(seen, middle[0], middle[1], above)
+                {
                     continue;
                 }
                 let covered = |[from, to]: [f32; 2], share: f32, start: f32| {

@@ -204,7 +204,7 @@ pub fn backproject_block<V: Vector>(
             vector.mul(vector.splat(map.bias.gradient_scale), slope),
             vector.mul(vector.splat(map.bias.gradient_cap), metre),
         );
-        found &= vector.greater(above, bias);
+        found &= vector.greater(above, vector.max(bias, vector.splat(seen.rounding)));
         // Is it above the point's tangent plane?
         let mid_y = vector.mul(vector.add(dv, vector.splat(0.5)), vector.splat(place.texel_y));
         let direction_x = vector.sub(mid_x, vector.mul(above, vector.splat(base_x)));

@@ -53,7 +53,7 @@ pub fn backproject(served: &Served, seen: &Seen, region: &Region, hidden: &mut B
                 let tilt = unpack_tilt(level.tilt[texel]);
                 if above <= region.above_from
                     || above > region.above_to
-                    || above <= map.gradient_bias(rise, tilt)
+                    || above <= map.gradient_bias(rise, tilt).max(seen.rounding)
                 {
                     continue;
                 }
@@ -93,7 +93,7 @@ pub fn backproject(served: &Served, seen: &Seen, region: &Region, hidden: &mut B
 
 /// Whether the middle of a texel, `x` and `y` from the point in the window, is above the tangent plane.
 /// The direction to where it is projected, times `above`, needs no division.
-fn clears_own_surface(seen: &Seen, x: f32, y: f32, above: f32) -> bool {
+pub fn clears_own_surface(seen: &Seen, x: f32, y: f32, above: f32) -> bool {
     let [base_x, base_y, base_z] = seen.base;
     let direction = [x - above * base_x, y - above * base_y, -above * base_z];
     let length = direction[0].abs() + direction[1].abs() + direction[2].abs();
