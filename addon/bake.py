@@ -262,7 +262,8 @@ class BakeJob:
                 Layer(
                     layer.name,
                     layer.channels,
-                    outline.framed(execution.images[layer.name]),
+                    # Nothing is known outside a render region: what changes nothing there stands for it.
+                    outline.framed(execution.images[layer.name], layer.blend.neutral),
                     layer.effect,
                     layer.light,
                     layer.light_index,
@@ -302,6 +303,9 @@ class BakeJob:
             outline.working_space,
             report.to_json(),
             aspect,
+            outline.region,
+            outline.frame_size if outline.region and outline.crop else None,
+            outline.stamp,
         )
         pictures = {
             layer.light_index: outline.framed(execution.images[layer.name])

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ..addon.core.errors import StrataError
+from ..addon.core.params import ParamSpec
+from ..addon.layers.exr_params import ExrParams
 
 MOST_FRAMES = 100_000
 LARGEST_SIDE = 32_768
@@ -100,6 +102,20 @@ def nested(settings: list[tuple[str, str, str]]) -> dict[str, dict[str, Any]]:
     return values
 
 
+def exr_values(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Of ExrParams by name, None where no flag says."""
+    return {spec.name: getattr(arguments, f"exr_{spec.name}") for spec in ExrParams.specs()}
+
+
+def _add_exr_flag(command: argparse.ArgumentParser, spec: ParamSpec) -> None:
+    name = f"exr_{spec.name}"
+    if spec.kind is bool:
+        command.add_argument(f"--{spec.name}", dest=name, action="store_true", default=None, help=spec.doc)
+    else:
+        flag = f"--exr-{spec.name}"
+        command.add_argument(flag, dest=name, choices=spec.choices, help=f"{spec.doc} (default: the scene's)")
+
+
 def build_parser(needs_scene: bool) -> Parser:
     """`needs_scene`: inside `blender -b SCENE.blend --command strata`, the scene is already open."""
     parser = Parser(prog="strata", description="Light and style effects, baked into layers with their error.")
@@ -119,6 +135,8 @@ def build_parser(needs_scene: bool) -> Parser:
         "--seed", type=whole_number(0, 0xFFFFFFFF), default=0, metavar="N", help="of the random numbers"
     )
     bake.add_argument("--report", type=Placeholder, metavar="OUT.json", help="times and errors as JSON")
+    for spec in ExrParams.specs():
+        _add_exr_flag(bake, spec)
     bake.add_argument("-q", "--quiet", action="store_true", help="say nothing but what went wrong")
 
     effects = commands.add_parser("effects", help="what there is, with parameters and ranges")

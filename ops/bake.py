@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -10,10 +11,10 @@ import bpy
 from ..addon.bake import Baked, BakeJob, read_job
 from ..addon.core.errors import Cancelled, StrataError, one_line
 from ..addon.job import Runner, run_to_end
-from ..addon.layers.exr import write_layers
+from ..addon.layers.exr import check_codec, write_layers
 from ..addon.layers.files import check_writable
 from ..addon.layers.images import make_images
-from ..addon.ui.properties import options_of
+from ..addon.ui.properties import exr_of, options_of
 from ..addon.ui.registration import Classes
 from ..addon.ui.state import STATE
 from .arguments import Placeholder
@@ -100,12 +101,16 @@ class STRATA_OT_bake(bpy.types.Operator):
         """Reads the scene, on the main thread; None if there is nothing to bake."""
         scene = context.scene
         self._scene_id = scene.session_uid
+        self._warnings = ()  # of the file
         self._wants_images = scene.strata.save_to != "FILE"
         has_file = self.filepath or scene.strata.save_to != "IMAGES"
         self._path = output_of(scene, self.filepath or scene.strata.output) if has_file else None
         if self._path:
             check_writable(self._path)
-        self._job = job = read_job(scene, context.view_layer, options_of)
+            self._exr = exr_of(scene)
+            check_codec(self._exr)
+        composite = True if self._path and self._exr.composite else None
+        self._job = job = read_job(scene, context.view_layer, partial(options_of, composite=composite))
         if reason := nothing_to_bake(job.graph):
             STATE.show_plan(self._scene_id, job.graph)
             self.report({"WARNING"}, reason[0].upper() + reason[1:])
@@ -115,12 +120,14 @@ class STRATA_OT_bake(bpy.types.Operator):
     def _write(self, baked: Baked) -> None:
         """On the worker thread: nothing of Blender may be touched here."""
         if self._path and baked.layers.layers:
-            write_layers(self._path, baked.layers)
+            self._warnings = write_layers(self._path, baked.layers, self._exr, baked.composite)
 
     def _finished(self, baked: Baked):
         if not baked.layers.layers:
             self.report({"WARNING"}, "Nothing to bake: no shadow falls on what the camera sees")
             return {"CANCELLED"}
+        for warning in self._warnings:
+            self.report({"WARNING"}, warning)
         if self._wants_images:
             make_images(baked.layers)
         STATE.show_plan(self._scene_id, self._job.graph)

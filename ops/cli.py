@@ -15,7 +15,7 @@ from ..addon.core.effect import Effect
 from ..addon.core.errors import Cancelled, StrataError, one_line
 from ..addon.core.params import plain
 from ..addon.effects.registry import EFFECTS
-from .arguments import build_parser, check_outputs, nested
+from .arguments import build_parser, check_outputs, exr_values, nested
 from .terminal import Interrupts, Progress, clean_stdout
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
@@ -170,7 +170,8 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
 
 def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
     from ..addon.bake import Options
-    from ..addon.ui.properties import options_of
+    from ..addon.layers.exr import check_codec
+    from ..addon.ui.properties import exr_of, options_of
 
     given = {name: getattr(arguments, name) for name in ("effects", "backend", "samples", "probes", "seed")}
     given["values"] = nested(arguments.set)
@@ -181,6 +182,9 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     _check_targets(arguments, frames)
     with _properties():
         chosen = _open(arguments, interrupts)
+        arguments.exr = exr_of(chosen.scene, **exr_values(arguments))
+        check_codec(arguments.exr)
+        given["composite"] = arguments.exr.composite or None
         failed = []
         for frame in chosen.frames:
             try:
@@ -247,9 +251,12 @@ def _write(arguments: argparse.Namespace, frame: int, baked) -> None:
 
     if not baked.layers.layers:
         return
-    write_layers(arguments.output.path(frame), baked.layers)
+    warnings = write_layers(arguments.output.path(frame), baked.layers, arguments.exr, baked.composite)
+    for warning in warnings:
+        print(f"strata: frame {frame}: {warning}", file=sys.stderr)
     if arguments.report:
-        text = json.dumps(baked.layers.report, indent=1, ensure_ascii=False, allow_nan=False)
+        report = {**baked.layers.report, "warnings": [*baked.layers.report["warnings"], *warnings]}
+        text = json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False)
         with replaced(arguments.report.path(frame)) as stream:
             stream.write(text.encode() + b"\n")
 

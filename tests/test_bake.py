@@ -130,8 +130,10 @@ def test_the_render_region_is_computed_in_its_place():
     difference = np.abs(images(whole)[name][inside] - images(part)[name][inside])
     assert difference.mean() < 0.02
     outside = images(part)[name].copy()
-    outside[inside] = 0.0
-    assert not outside.any()
+    outside[inside] = 1.0
+    assert (outside == 1.0).all()
+    assert part.layers.region == (40, 45, 120, 90)
+    assert not part.layers.is_cropped
 
 
 def test_a_bake_can_be_cancelled():

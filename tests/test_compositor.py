@@ -22,6 +22,7 @@ class FlatEngine(bpy.types.RenderEngine):
     bl_idname = "FLAT"
     bl_label = "Flat"
     groups = ("Combined_Warm", "Combined_Cold")
+    size = SIZE
 
     def update_render_passes(self, scene=None, renderlayer=None):
         self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
@@ -32,9 +33,9 @@ class FlatEngine(bpy.types.RenderEngine):
         layer = depsgraph.view_layer.name
         for name in type(self).groups:
             self.add_pass(name, 3, "RGB", layer=layer)
-        result = self.begin_result(0, 0, *SIZE, layer=layer)
+        result = self.begin_result(0, 0, *self.size, layer=layer)
         for found in result.layers[0].passes:
-            value = np.full((SIZE[0] * SIZE[1], found.channels), PASSES[found.name], np.float32)
+            value = np.full((self.size[0] * self.size[1], found.channels), PASSES[found.name], np.float32)
             found.rect.foreach_set(value.reshape(-1))
         self.end_result(result)
 
@@ -89,6 +90,33 @@ def expect_shadowed(scene, tmp_path) -> None:
 def test_without_light_groups_the_image_is_multiplied_by_every_shadow(scene, tmp_path):
     assert bpy.ops.strata.build_compositor() == {"FINISHED"}
     expect_shadowed(scene, tmp_path)
+
+
+@pytest.mark.parametrize("crop", [False, True])
+def test_a_render_region_lies_in_its_place_and_nothing_changes_around_it(scene, tmp_path, crop):
+    whole = np.prod(list(shadows(scene).values()), axis=0)
+    render = scene.render
+    render.use_border, render.use_crop_to_border = True, crop
+    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.25, 0.5, 0.0, 0.5
+    bpy.ops.strata.bake()
+    part = np.prod(list(shadows(scene).values()), axis=0)
+    if not crop:
+        part = part[:9, 8:16]
+    assert part.shape == (9, 8)
+    # Maps are fitted to what is in view; a wrong place would be off by far more.
+    assert np.abs(part - whole[:9, 8:16]).mean() < 0.05
+    assert np.ptp(part) > 0.2
+    bpy.ops.strata.build_compositor()
+    render.use_border = False
+    expected = np.ones((SIZE[1], SIZE[0]), np.float32)
+    if crop:  # the file is a picture of its own, for renders that are cropped alike
+        render.resolution_x, render.resolution_y = 8, 9
+        FlatEngine.size, expected = (8, 9), part
+    else:
+        expected[:9, 8:16] = part
+    image = composited(scene, tmp_path)
+    FlatEngine.size = SIZE
+    np.testing.assert_allclose(image[:, :, 0], PASSES["Combined"] * expected, atol=1e-6)
 
 
 def test_twice_is_as_once(scene, tmp_path):

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from contextlib import contextmanager
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -20,6 +21,7 @@ from strata.addon.core.errors import StrataError
 from strata.addon.core.layers import Layer, LayerSet
 from strata.addon.core.naming import LONGEST, lamp_pass_name, layer_name
 from strata.addon.layers.exr import write_layers
+from strata.addon.layers.exr_params import ExrParams
 from strata.addon.layers.files import check_writable, replaced
 from strata.addon.layers.images import make_images
 from strata.addon.measure.report import LayerError
@@ -42,6 +44,10 @@ def layer(name: str, channels: str = "V", light: str = "", seed: int = 0) -> Lay
 
 def layer_set(*layers: Layer, view_layer: str = "ViewLayer", space: str = "Linear Rec.709") -> LayerSet:
     return LayerSet(tuple(layers), WIDTH, HEIGHT, view_layer, space, {"strata": "0.1.0", "frame": 3}, 2.0)
+
+
+def exr(**values) -> ExrParams:
+    return ExrParams.checked("exr", values)
 
 
 def odd_light_names() -> list[str]:
@@ -233,6 +239,56 @@ def test_non_finite_values_survive(tmp_path):
     write_layers(tmp_path / "out.exr", LayerSet((Layer("Bad", "V", values, "x"),), 4, 1, "ViewLayer"))
     back = read_layers(tmp_path / "out.exr").layers[0].pixels
     np.testing.assert_array_equal(values.view(np.uint32), back.view(np.uint32))
+
+
+@pytest.mark.parametrize("codec", ["zip", "dwaa"])
+def test_a_render_region_can_be_the_data_window(tmp_path, codec):
+    path, region = tmp_path / "out.exr", (1, 1, 4, 3)  # from the bottom left
+    shadow, glow = layer("Soft Shadow Key"), layer("Normal", "XYZ")
+    ours = replace(layer_set(shadow, glow), region=region)
+    write_layers(path, ours, exr(window="region", codec=codec))
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        for part, ours in zip(file.parts, (shadow, glow), strict=True):
+            assert [corner.tolist() for corner in part.header["displayWindow"]] == [[0, 0], [6, 4]]
+            assert [corner.tolist() for corner in part.header["dataWindow"]] == [[1, 2], [3, 3]]
+            for name, channel in part.channels.items():
+                plane = dict(ours.planes())[name[-1]]
+                np.testing.assert_array_equal(channel.pixels[::-1], plane[1:3, 1:4])
+
+
+def test_else_a_render_region_is_a_whole_frame(tmp_path):
+    path, ours = tmp_path / "out.exr", replace(layer_set(layer("Glow")), region=(1, 1, 4, 3))
+    write_layers(path, ours)
+    np.testing.assert_array_equal(read_layers(path).layers[0].pixels, ours.layers[0].pixels)
+
+
+def test_a_cropped_picture_tells_where_it_was_cut_from(tmp_path):
+    path = tmp_path / "out.exr"
+    cropped = replace(layer_set(layer("Glow")), region=(3, 10, 3 + WIDTH, 10 + HEIGHT), frame_size=(32, 18))
+    write_layers(path, cropped)
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        header = dict(file.parts[0].header)
+    for window in ("displayWindow", "dataWindow"):  # as Blender crops
+        assert [corner.tolist() for corner in header[window]] == [[0, 0], [WIDTH - 1, HEIGHT - 1]]
+    # 18 rows, of which 3 are above it and 10 below.
+    assert json.loads(header["strata:cropped_from"]) == {"frame": [32, 18], "offset": [3, 3]}
+    write_layers(path, cropped, exr(window="region"))
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        header = dict(file.parts[0].header)
+    assert [corner.tolist() for corner in header["displayWindow"]] == [[0, 0], [31, 17]]
+    assert [corner.tolist() for corner in header["dataWindow"]] == [[3, 3], [2 + WIDTH, 2 + HEIGHT]]
+
+
+@pytest.mark.parametrize("height", [1, 16, 17, 33, 48])
+def test_a_layer_of_one_value_comes_back(tmp_path, height):
+    one = np.broadcast_to(np.float32(1.0), (height, 3))
+    grey = np.broadcast_to(np.float32(0.25), (height, 3, 3))
+    layers = (Layer("One", "V", one, "x"), Layer("Grey", "RGB", grey, "x", view_layer="Other"))
+    write_layers(tmp_path / "out.exr", LayerSet(layers, 3, height, "ViewLayer"))
+    for ours, theirs in zip(layers, read_layers(tmp_path / "out.exr").layers, strict=True):
+        np.testing.assert_array_equal(ours.pixels, theirs.pixels)
+    with OpenEXR.File(str(tmp_path / "out.exr")) as file:
+        assert [part.name() for part in file.parts] == ["ViewLayer.One", "Other.Grey"]
 
 
 def test_images_are_new_and_exact():

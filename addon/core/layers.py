@@ -15,10 +15,12 @@ COLOUR_CHANNELS = ("RGB", "RGBA")
 class Layer:
     """One image.
 
-    `channels` names them in order, one letter each ("V", "RGBA", "XYZ"). `pixels` is float32, C-contiguous,
-    (height, width) for one channel and (height, width, channels) for more; row 0 is the bottom row.
+    `channels` names them in order, one letter each ("V", "RGBA", "XYZ"). `pixels` is float32, (height, width)
+    for one channel and (height, width, channels) for more; row 0 is the bottom row. C-contiguous, or a view
+    with no strides of one value (np.broadcast_to), which costs no memory and next to nothing to write.
     `light` is the light's own name, `light_index` its place in Outline.lights (None where there is no one
     light). `error` is the report's entry for this layer, `settings` the effect's parameters as plain values.
+    `view_layer` is where it belongs, empty for the set's.
     """
 
     name: str
@@ -30,6 +32,7 @@ class Layer:
     seconds: float = 0.0
     error: dict[str, Any] = field(default_factory=dict)
     settings: dict[str, Any] = field(default_factory=dict)
+    view_layer: str = ""
 
     def __post_init__(self):
         depth = () if len(self.channels) == 1 else (len(self.channels),)
@@ -44,6 +47,11 @@ class Layer:
         management may touch."""
         return self.channels in COLOUR_CHANNELS
 
+    @property
+    def fits_half(self) -> bool:
+        """Whether 16 bits a number do for it: colours and masks, but no depths, places or ids."""
+        return self.is_colour or self.channels == "V"
+
     def planes(self) -> Iterator[tuple[str, np.ndarray]]:
         """Each channel's letter and its (height, width) view."""
         pixels = self.pixels if self.pixels.ndim == 3 else self.pixels[:, :, None]
@@ -54,7 +62,10 @@ class Layer:
 @dataclass(frozen=True, eq=False)
 class LayerSet:
     """All layers of one bake, of one size. `working_space` is the scene's ("Linear Rec.709", ...), `report`
-    what `--report` writes; `pixel_aspect` is a pixel's width over its height."""
+    what `--report` writes; `pixel_aspect` is a pixel's width over its height. `region`: x0, y0, x1, y1 in
+    pixels from the frame's bottom left, the part of it that was computed, None for all of it; `frame_size`
+    is the whole frame's where the layers show only the region, None where they show the frame. `stamp`: what
+    Blender says in the header of a render."""
 
     layers: tuple[Layer, ...]
     width: int
@@ -63,6 +74,14 @@ class LayerSet:
     working_space: str = "Linear Rec.709"
     report: dict[str, Any] = field(default_factory=dict)
     pixel_aspect: float = 1.0
+    region: tuple[int, int, int, int] | None = None
+    frame_size: tuple[int, int] | None = None
+    stamp: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def is_cropped(self) -> bool:
+        """Whether the layers show only the region."""
+        return self.frame_size is not None
 
     def __post_init__(self):
         for layer in self.layers:

@@ -330,7 +330,8 @@ class Outline:
     `crop`, in pixels x0, y0, x1, y1 from the bottom left, is the part that the image shows (render region
     with "Crop to Render Region"), and `region` the part of the frame that is computed. `seen`: boxes
     (M, 2, 3) float64 around what a coarse picture of the scene shows, once somebody has taken one;
-    `version` counts changes of what is in the scene while it is watched, as in a viewport."""
+    `version` counts changes of what is in the scene while it is watched, as in a viewport; `stamp` is what
+    Blender says of the picture in the header of a render."""
 
     scene_name: str
     view_layer_name: str
@@ -352,6 +353,7 @@ class Outline:
     seen: np.ndarray | None = field(default=None, compare=False)
     version: int = 0
     world_medium: Medium | None = None
+    stamp: dict[str, str] = field(default_factory=dict, compare=False)
 
     def __post_init__(self):
         if not isinstance(self.instances, Instances):
@@ -385,12 +387,12 @@ class Outline:
         window = (left + x0 * step_x, left + x1 * step_x, bottom + y0 * step_y, bottom + y1 * step_y)
         return replace(view, window=window)
 
-    def framed(self, image: np.ndarray) -> np.ndarray:
-        """A computed image (h, w[, channels]) in its place in the frame; zero around it, as in Blender."""
+    def framed(self, image: np.ndarray, outside: float = 0.0) -> np.ndarray:
+        """A computed image (h, w[, channels]) in its place in the frame; `outside` around it."""
         if image.shape[1::-1] == self.size:
             return image
         x0, y0, x1, y1 = self.region
-        frame = np.zeros((self.size[1], self.size[0], *image.shape[2:]), image.dtype)
+        frame = np.full((self.size[1], self.size[0], *image.shape[2:]), outside, image.dtype)
         frame[y0:y1, x0:x1] = image
         return frame
 

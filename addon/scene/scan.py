@@ -18,6 +18,7 @@ from .lights import light_of
 from .materials import Images, default_material, material_of
 from .own_settings import own_settings_of
 from .render_depsgraph import engine_of
+from .stamp import stamp_of
 from .transforms import are_usable
 from .volumes import volume_of
 
@@ -123,6 +124,7 @@ class _Scanner:
             working_space=bpy.data.colorspace.working_space,
             seed=self.options.seed,
             world_medium=world_medium,
+            stamp=stamp_of(scene, view["camera"].name),
             **view,
         )
         return Scan(

@@ -12,6 +12,7 @@ from ..core.effect import Effect
 from ..core.params import ParamSpec
 from ..core.ramp import Ramp
 from ..effects.registry import EFFECTS
+from ..layers.exr_params import ExrParams
 from ..measure.report import LayerError, NotMeasured, error_of
 from ..scene.own_settings import own_specs
 from . import plot
@@ -102,6 +103,18 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
     column.prop(settings, "save_to")
     if settings.save_to != "IMAGES":
         column.prop(settings, "output")
+
+
+def writes_file(context) -> bool:
+    return context.scene.strata.save_to != "IMAGES"
+
+
+def exr_settings(layout: bpy.types.UILayout, context) -> None:
+    settings = context.scene.strata.exr
+    column = layout.column()
+    column.active = not STATE.is_baking
+    for spec in ExrParams.specs():
+        column.prop(settings, spec.name)
 
 
 # Effects

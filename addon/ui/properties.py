@@ -14,6 +14,7 @@ from ..core.effect import Effect
 from ..core.params import Colour, ParamSpec
 from ..core.ramp import Ramp
 from ..effects.registry import EFFECTS
+from ..layers.exr_params import ExrParams
 from ..scene.own_settings import OWNERS, own_specs, value_of
 from . import migration
 from .preview_settings import StrataPreviewSettings
@@ -53,6 +54,12 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
         "probes": settings.probes,
     }
     return Options(values=values, **options | {k: v for k, v in overrides.items() if v is not None})
+
+
+def exr_of(scene: bpy.types.Scene, **overrides: Any) -> ExrParams:
+    """How the scene wants its EXR; `overrides` go over that, except those that are None."""
+    values = {spec.name: getattr(scene.strata.exr, spec.name) for spec in ExrParams.specs()}
+    return ExrParams.checked("exr", values | {k: v for k, v in overrides.items() if v is not None})
 
 
 def fill_ramp(ramp: bpy.types.ColorRamp, value: Ramp) -> None:
@@ -154,8 +161,8 @@ def _group(name: str, properties: dict) -> type:
     return type(name, (bpy.types.PropertyGroup,), {"__annotations__": properties})
 
 
-def _scene_group(groups: dict[str, type]) -> type:
-    """The PropertyGroup of a scene: how to bake, and a group an effect."""
+def _scene_group(groups: dict[str, type], exr: type) -> type:
+    """The PropertyGroup of a scene: how to bake, how to write, and a group an effect."""
     properties = {
         "version": bpy.props.IntProperty(
             name="Settings Version",
@@ -201,6 +208,7 @@ def _scene_group(groups: dict[str, type]) -> type:
     }  # fmt: skip
     for effect_id, group in groups.items():
         properties[effect_id] = bpy.props.PointerProperty(type=group)
+    properties["exr"] = bpy.props.PointerProperty(type=exr)
     properties["preview"] = bpy.props.PointerProperty(type=StrataPreviewSettings)
     return _group("StrataSettings", properties)
 
@@ -214,8 +222,9 @@ def register() -> None:
         return
     of_owners = {owner: _own_groups(owner, own_specs(owner)) for owner in OWNERS}
     of_scenes = {effect.id: _effect_group(effect) for effect in EFFECTS}
-    scene = _scene_group(of_scenes)
-    for cls in (*chain(*of_owners.values()), *of_scenes.values(), StrataPreviewSettings, scene):
+    exr = _group("StrataExrSettings", {spec.name: _property(spec) for spec in ExrParams.specs()})
+    scene = _scene_group(of_scenes, exr)
+    for cls in (*chain(*of_owners.values()), *of_scenes.values(), exr, StrataPreviewSettings, scene):
         bpy.utils.register_class(cls)
         _registered.append(cls)
     for owner, groups in of_owners.items():
