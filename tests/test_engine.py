@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import time
 
 import bpy
@@ -126,6 +128,85 @@ def test_every_view_layer_has_its_own_passes(scene, tmp_path):
         baked |= baked_by_the_command(tmp_path, "1", "--view-layer", name)[1]
     assert len(baked) == 3
     assert_same_passes(rendered, baked)
+
+
+def headers(path) -> list[dict]:
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return [dict(part.header) for part in file.parts]
+
+
+def test_the_report_reaches_the_file_whatever_blender_stamps(scene, tmp_path):
+    scene.strata.probes = 64
+    for name in dir(scene.render):
+        if name.startswith("use_stamp"):
+            setattr(scene.render, name, False)
+    scene.view_layers.new("Other.Layer")
+    write_multilayer(scene, tmp_path / "render.exr")
+    bpy.ops.render.render(write_still=True)
+    header = headers(tmp_path / "render.exr")[0]
+    for view_layer in ("ViewLayer", "Other.Layer"):
+        report = json.loads(header[f"strata:report.{view_layer}"])
+        assert len(report["layers"]) == 2
+        for layer in report["layers"]:
+            said = f"{view_layer}.{layer['name']}"
+            assert json.loads(header[f"strata:error.{said}"]) == layer["error"]
+            assert float(header[f"strata:seconds.{said}"]) == pytest.approx(layer["seconds"], rel=1e-5)
+            assert header[f"strata:light.{said}"] == layer["light"]
+
+
+def test_a_bake_is_stamped_as_a_render_is(scene, tmp_path):
+    scene.frame_set(7)
+    scene.view_layers[0].name = "Main.Layer"
+    write_multilayer(scene, tmp_path / "render.exr")
+    bpy.ops.render.render(write_still=True)
+    blender = headers(tmp_path / "render.exr")[0]
+    scene.render.use_stamp_frame = scene.render.use_stamp_camera = False  # nor does a bake need these
+    blend, output = tmp_path / "scene.blend", tmp_path / "bake.exr"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
+    assert main(["bake", str(blend), "-o", str(output), "-q", "--composite", "--exr-depth", "half"]) == 0
+    first, *others = headers(output)
+    assert first["name"] == "Main.Layer.Combined"
+    for part in (first, *others):
+        for name in ("Software", "Scene", "Camera", "Frame", "Time", "BlenderMultiChannel"):
+            assert part[name] == blender[name], name
+        assert part["File"] == str(blend)
+        assert re.fullmatch(r"\d{4}(/\d\d){2} \d\d(:\d\d){2}", part["Date"])
+    rendered = read_passes(tmp_path / "render.exr")["Main.Layer.Combined"]
+    assert rendered.max() > 0.01
+    half = read_passes(output)["Main.Layer.Combined"]
+    np.testing.assert_array_equal(half, rendered.astype(np.float16))
+
+
+def test_what_is_not_read_is_told_on_the_console(scene, capfd):
+    scene.render.use_motion_blur = True
+    scene.camera.data.dof.use_dof = True
+    bpy.ops.render.render()
+    lines = [line for line in capfd.readouterr().out.splitlines() if line.startswith("Warning: ")]
+    assert sum("motion blur is not read" in line for line in lines) == 1
+    assert sum("depth of field is not read" in line for line in lines) == 1
+
+
+def test_stereo_gives_both_eyes_the_middle_one_and_says_so(scene, tmp_path, capfd):
+    write_multilayer(scene, tmp_path / "mono.exr")
+    bpy.ops.render.render(write_still=True)
+    mono = read_passes(tmp_path / "mono.exr")
+    scene.render.use_multiview = True
+    scene.render.image_settings.views_format = "MULTIVIEW"
+    scene.render.filepath = str(tmp_path / "stereo.exr")
+    bpy.ops.render.render(write_still=True)
+    captured = capfd.readouterr()
+    assert captured.out.count("stereoscopy is not read") == 1
+    assert "Traceback" not in captured.out + captured.err
+    parts = set()
+    with OpenEXR.File(str(tmp_path / "stereo.exr"), separate_channels=True) as file:
+        for part in file.parts:
+            parts.add((part.name(), part.header["view"]))
+            for name, channel in part.channels.items():
+                owner, _, letter = name.rpartition(".")
+                planes = np.atleast_3d(mono[owner])
+                plane = planes[:, :, "XYZ".index(letter) if letter in "XYZ" else "RGBAV".index(letter) % 4]
+                np.testing.assert_array_equal(channel.pixels[::-1], plane, name)
+    assert parts == {(f"{name}-{eye}", eye) for name in mono for eye in ("left", "right")}
 
 
 def render_layers_tree(scene) -> bpy.types.Node:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import suppress
 
 import bpy
@@ -13,6 +12,7 @@ from ..bake import Baked, BakeJob, read_depsgraph
 from ..core.errors import Cancelled, one_line, told_once
 from ..core.naming import ENGINE_ID
 from ..devices.start import Devices, start_devices
+from ..layers.exr import layer_attributes, to_json
 from ..ui.properties import options_of
 from ..ui.registration import Classes
 from ..ui.state import STATE
@@ -60,7 +60,8 @@ class StrataRenderEngine(bpy.types.RenderEngine):
     def _render(self, depsgraph) -> None:
         job, baked = self._rendered(depsgraph)
         layer_name = depsgraph.view_layer.name
-        self._write(layer_name, passes.images_of(baked, job.outline, depsgraph), baked)
+        self._write(layer_name, passes.images_of(baked, job.outline, depsgraph))
+        self._tell(layer_name, baked)
         STATE.show_plan(depsgraph.scene.session_uid, job.graph)
         STATE.show_report(depsgraph.scene.session_uid, baked.layers.report)
 
@@ -113,7 +114,7 @@ class StrataRenderEngine(bpy.types.RenderEngine):
         finally:
             runner.stop()
 
-    def _write(self, layer_name: str, images: list[PassImage], baked: Baked | None = None) -> None:
+    def _write(self, layer_name: str, images: list[PassImage]) -> None:
         """`images` are as large as what is computed."""
         for image in images:
             if image.name != COMBINED:
@@ -125,9 +126,21 @@ class StrataRenderEngine(bpy.types.RenderEngine):
             if render_pass.name in by_name:
                 flat = np.ascontiguousarray(by_name[render_pass.name], np.float32).reshape(-1)
                 render_pass.rect.foreach_set(flat)
-        if baked is not None:
-            result.stamp_data_add_field(f"strata.{layer_name}.report", json.dumps(baked.layers.report))
         self.end_result(result)
+
+    def _tell(self, layer_name: str, baked: Baked) -> None:
+        """Warnings to the console and the window; what there is to say of layers to the file's header.
+
+        `begin_result` gives a result that is thrown away once its pixels are copied, with its header; the
+        file is written from the render's own. Blender has one header for all parts, hence the long names.
+        """
+        for warning in baked.report.warnings:
+            self.report({"WARNING"}, warning)
+        header = self.get_result()
+        header.stamp_data_add_field(f"strata:report.{layer_name}", to_json(baked.layers.report))
+        for layer in baked.layers.layers:
+            for name, value in layer_attributes(layer).items():
+                header.stamp_data_add_field(f"{name}.{layer_name}.{layer.name}", str(value))
 
 
 _classes = Classes(StrataRenderEngine)

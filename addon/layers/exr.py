@@ -64,7 +64,7 @@ def write_layers(
     report = layer_set.report
     if warnings:
         report = {**report, "warnings": [*report.get("warnings", ()), *warnings]}
-    parts[0].attributes["strata:report"] = _to_json(report)
+    parts[0].attributes["strata:report"] = to_json(report)
     parts[0].attributes["strata:working_space"] = layer_set.working_space
     with replaced(path) as stream:
         if params.codec == Codec.DWAA:
@@ -81,9 +81,9 @@ def layer_attributes(layer: Layer) -> dict[str, str | float]:
     return {
         "strata:effect": layer.effect,
         "strata:light": layer.light,
-        "strata:settings": _to_json(layer.settings),
+        "strata:settings": to_json(layer.settings),
         "strata:seconds": layer.seconds,
-        "strata:error": _to_json(layer.error),
+        "strata:error": to_json(layer.error),
     }
 
 
@@ -147,9 +147,9 @@ def _cut_from(layer_set: LayerSet) -> dict[str, str]:
         return {}
     x0, _, _, y1 = layer_set.region
     width, height = layer_set.frame_size
-    return {"strata:cropped_from": _to_json({"frame": [width, height], "offset": [x0, height - y1]})}
+    return {"strata:cropped_from": to_json({"frame": [width, height], "offset": [x0, height - y1]})}
 
 
-def _to_json(value: dict[str, Any]) -> str:
+def to_json(value: dict[str, Any]) -> str:
     """Strict JSON: a NaN in an error would otherwise make a file that strict readers refuse."""
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
