@@ -13,8 +13,10 @@ from .core.arrays import Arrays
 from .core.effect import Effect
 from .core.errors import Cancelled, StrataError
 from .core.executor import Execution, Executor
+from .core.free_memory import free_bytes, give_back, held_bytes
 from .core.graph import Graph, Node, PlannedLayer
 from .core.layers import Layer, LayerSet
+from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups
 from .core.outline import Outline
 from .core.recorder import plan
 from .core.sampling import Sampling
@@ -28,12 +30,16 @@ from .effects.shared.steps import ray_accelerator
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured, Report, StepTime, report_of
 
+BAKING_SHARE = 0.75
+"""Of a bake that is measured; measuring takes the rest."""
+
 
 @dataclass(frozen=True)
 class Options:
     """How to bake. `effects`: ids, None for those on by default; `values`: parameter values by effect id and
     name; `samples` jittered surfaces a pixel; `probes` points to measure the error at, 0 for none; `lit` also
-    makes each light's unshadowed image, and `composite` the picture of the whole."""
+    makes each light's unshadowed image, and `composite` the picture of the whole; `memory_bytes` are what it
+    may take beside what Blender has, 0: half of what is free, or less where more is of no use."""
 
     effects: tuple[str, ...] | None = None
     backend: str = "auto"
@@ -43,8 +49,11 @@ class Options:
     seed: int = 0
     lit: bool = False
     composite: bool = False
+    memory_bytes: int = 0
 
     def __post_init__(self):
+        if self.memory_bytes < 0:
+            raise StrataError(f"memory: {self.memory_bytes} bytes are less than 0")
         if self.samples < 1:
             raise StrataError(f"samples: {self.samples} is less than 1")
         if self.probes < 0:
@@ -73,6 +82,21 @@ def plan_scene(outline: Outline, options: Options) -> Graph:
     """What would run, what is left out, and why."""
     more = [record for on, record in ((options.composite, composite.record), (options.lit, lit.record)) if on]
     return plan(outline, options.chosen(), *more, sources=options.sources())
+
+
+def sampling_of(outline: Outline, options: Options) -> Sampling:
+    return Sampling(*outline.computed_size, options.samples, outline.pixel_filter)
+
+
+def groups_of(
+    outline: Outline, graph: Graph, options: Options, held: int
+) -> tuple[tuple[Graph, ...], MemoryEstimate]:
+    """The graph in graphs that fit into the memory there is, and what a bake takes beside the `held` bytes
+    that the process had before."""
+    automatic = options.memory_bytes == 0
+    budget = free_bytes() // 2 if automatic else options.memory_bytes
+    room = ROOM_BYTES if automatic else None
+    return in_groups(graph, outline, sampling_of(outline, options), budget, held, room)
 
 
 @dataclass(frozen=True)
@@ -111,6 +135,10 @@ class BakeJob:
         self._warnings = [*outline.warnings, *arrays.warnings]
         self._read_seconds = read_seconds
         self._look_seconds = 0.0
+        self._rays: CpuRays | NotMeasured | None = None  # for measuring
+        self._rays_seconds = 0.0  # of one layer
+        self._held = held_bytes()
+        self.memory: MemoryEstimate | None = None  # told once the look has been taken
         self._result: Baked | None = None
         self._failure: BaseException | None = None
         self._work = self._run()
@@ -147,26 +175,41 @@ class BakeJob:
         started = time.perf_counter() - self._read_seconds
         executor = Executor(self.devices.primary, self.devices.fallback, keeps_inputs=False)
         yield from self._look(executor)
-        looked = executor.execution.timings
         outline, options = self.outline, self.options
-        sampling = Sampling(*outline.computed_size, options.samples, outline.pixel_filter)
-        cancelled = (*self.devices.primary.cancelled, *self.devices.fallback.cancelled)
-        measurement = Measurement(self.graph, outline, options.probes, options.seed, cancelled)
-        self.stage = "Baking"
-        share = 0.75 if options.probes else 1.0
-        for done in executor.run(self.graph, sampling, measurement if options.probes else None):
-            self.progress = share * done
-            yield
         execution = executor.execution
-        for timing in looked.values():
-            execution.add_time(timing.node, timing.device, timing.seconds, timing.runs)
-        errors = {}
+        groups, self.memory = groups_of(outline, self.graph, options, self._held)
+        if self.memory.shortage:
+            self._warnings.append(self.memory.shortage)
+        cancelled = (*self.devices.primary.cancelled, *self.devices.fallback.cancelled)
+        measurement = None
         if options.probes:
-            errors = yield from self._measure(measurement, executor, share)
+            measurement = Measurement(self.graph, outline, options.probes, options.seed, cancelled)
+        errors: dict[str, LayerError | NotMeasured] = {}
+        for number, group in enumerate(groups):
+            done = yield from self._bake_group(executor, group, execution, measurement, number, len(groups))
+            if measurement:
+                errors |= yield from self._measure(
+                    measurement, executor, group, done, (number + 1) / len(groups)
+                )
+            executor.keep_only(*groups[number + 1 :])
+            if len(groups) > 1:
+                give_back()
         executor.release()
         seconds = time.perf_counter() - started
         self._result = self._finished(execution, errors, seconds)
         self.progress, self.stage = 1.0, "Done"
+
+    def _bake_group(
+        self, executor: Executor, group: Graph, execution: Execution, measurement, number: int, count: int
+    ) -> Generator[None, None, float]:
+        """Makes a group's layers; returns the share of the bake that is done then."""
+        self.stage = "Baking"
+        share = BAKING_SHARE if measurement else 1.0
+        sampling = sampling_of(self.outline, self.options)
+        for done in executor.run(group, sampling, measurement, execution):
+            self.progress = (number + share * done) / count
+            yield
+        return self.progress
 
     def _look(self, executor: Executor) -> Generator[None]:
         """Takes a coarse picture of the scene and plans again with it: boxes alone cannot tell that a wall
@@ -185,49 +228,49 @@ class BakeJob:
             self._look_seconds += time.perf_counter() - started
 
     def _measure(
-        self, measurement: Measurement, executor: Executor, share: float
+        self, measurement: Measurement, executor: Executor, graph: Graph, start: float, end: float
     ) -> Generator[None, None, dict[str, LayerError | NotMeasured]]:
-        """Each layer's error, by name: rays against the layer's own casters, on the CPU whatever made the
-        layer. `share` of the bake is done."""
+        """The error of each of the graph's layers, by name: rays against the layer's own casters, on the CPU
+        whatever made the layer. `start` of the bake is done, and `end` of it then."""
         self.stage = "Measuring"
-        layers = [layer for layer in self.graph.layers if layer.kind.reference]
+        layers = [layer for layer in graph.layers if layer.kind.reference]
         if not layers:
             return {}
-        prepared = yield from measurement.guarded(self._rays(executor))
-        if isinstance(prepared, NotMeasured):
-            return {layer.name: prepared for layer in layers}
-        rays, seconds = prepared
+        if self._rays is None:
+            self._rays = yield from measurement.guarded(self._started_rays(executor))
+        if isinstance(self._rays, NotMeasured):
+            return {layer.name: self._rays for layer in layers}
         errors = {}
         for number, layer in enumerate(layers, start=1):
-            work = self._measured(measurement, layer, rays, executor.execution.images[layer.name])
+            work = self._measured(measurement, layer, executor.execution.images[layer.name])
             error = yield from measurement.guarded(work)
             if isinstance(error, LayerError):
-                error = replace(error, seconds=error.seconds + seconds / len(layers))
+                error = replace(error, seconds=error.seconds + self._rays_seconds)
             errors[layer.name] = error
-            self.progress = share + (1.0 - share) * number / len(layers)
+            measurement.forget(layer)
+            self.progress = start + (end - start) * number / len(layers)
         return errors
 
     def _measured(
-        self, measurement: Measurement, layer: PlannedLayer, rays: CpuRays, image: np.ndarray
+        self, measurement: Measurement, layer: PlannedLayer, image: np.ndarray
     ) -> Generator[None, None, LayerError | NotMeasured]:
         casters = self.devices.fallback.instance_mask(layer.casters)
-        return (yield from self._unless_cancelled(measurement.measure(layer, rays, casters, image)))
+        return (yield from self._unless_cancelled(measurement.measure(layer, self._rays, casters, image)))
 
-    def _rays(self, executor: Executor) -> Generator[None, None, tuple[CpuRays, float]]:
-        """What references trace with, and the seconds that it took and are no layer's."""
+    def _started_rays(self, executor: Executor) -> Generator[None, None, CpuRays]:
+        """What references trace with."""
         device, graph = self.devices.fallback, self.graph
         accelerator, seconds = _value_apart(executor, ray_accelerator(self.outline), device)
+        self._rays_seconds = seconds / sum(layer.kind.reference is not None for layer in graph.layers)
         yield
-        camera = device.camera_rays(graph.surface.params["visible"], graph.surface_attributes)
-        rays = CpuRays(
+        return CpuRays(
             accelerator,
             np.array(self.outline.view.eye),
             device.cancel_flag,
-            camera,
+            device.camera_rays(graph.surface.params["visible"], graph.surface_attributes),
             value=lambda node: executor.value(node, device),
             texture=device.texture,
         )
-        return rays, seconds
 
     def _unless_cancelled[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
         """The same; raises Cancelled at its next slice once the flag is set."""
@@ -245,6 +288,7 @@ class BakeJob:
     ) -> Baked:
         outline = self.outline
         own = _own_nodes(self.graph)
+        chunks = sampling_of(outline, self.options).chunk_count
         chosen = {effect.id: params for effect, params in self.options.chosen().items()}
         layers, costs = [], {}
         for layer in (layer for layer in self.graph.layers if layer.effect):
@@ -252,7 +296,7 @@ class BakeJob:
             own_look = self._look_seconds if len(own) == 1 else 0.0
             costs[layer.name] = (
                 own_look + execution.seconds(own[layer.name]),
-                self._look_seconds + execution.seconds(self.graph.nodes([layer.node])),
+                self._look_seconds + execution.seconds(self.graph.nodes([layer.node]), chunks),
             )
             error = errors[layer.name].to_json() if layer.name in errors else {}
             params = chosen[layer.effect]
@@ -287,8 +331,8 @@ class BakeJob:
             compile_seconds=self.devices.primary.compile_seconds,
             steps=steps,
             images=execution.images,
-            spread=execution.spread,
-            samples=self.options.samples,
+            antialiasing=execution.antialiasing,
+            memory=self.memory,
             costs=costs,
             errors=errors,
             warnings=[*self._warnings, *execution.warnings],

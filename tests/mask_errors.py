@@ -35,7 +35,7 @@ def edge_errors(read, samples: list[int]) -> dict[tuple[str, int], EdgeError]:
         images = _execution(read, count).images
         for name, truth in exact.images.items():
             channels = truth.shape[2] if truth.ndim == 3 else 1
-            edges = (exact.spread[name].reshape(-1, channels) > 1e-6).any(axis=1)
+            edges = (exact.deviation[name].reshape(-1, channels) > 1e-6).any(axis=1)
             errors = np.abs(images[name].astype(np.float64) - truth).reshape(-1, channels)
             largest = errors.max(axis=1)
             found[name, count] = EdgeError(
@@ -48,10 +48,23 @@ def edge_errors(read, samples: list[int]) -> dict[tuple[str, int], EdgeError]:
     return found
 
 
+class _Watched(Execution):
+    """Keeps `deviation`, by layer: each pixel's mean squared deviation of its samples from their mean."""
+
+    def finish(self, layer, samples):
+        squares = self.squares[layer.name].copy() if samples > 1 else None
+        super().finish(layer, samples)
+        if squares is not None:
+            self.deviation[layer.name] = squares / samples - self.images[layer.name] ** 2
+
+
 def _execution(read, samples: int) -> Execution:
     outline, graph, arrays = read
     device = CpuDevice()
     device.set_scene(outline, arrays)
     executor = Executor(device, device)
-    drain(executor.run(graph, Sampling(*outline.computed_size, samples, outline.pixel_filter)))
-    return executor.execution
+    execution = _Watched()
+    execution.deviation = {}
+    sampling = Sampling(*outline.computed_size, samples, outline.pixel_filter)
+    drain(executor.run(graph, sampling, execution=execution))
+    return execution

@@ -220,10 +220,9 @@ def two_lamps(monkeypatch, error: BaseException, **options) -> BakeJob:
     job = job_of(outline, arrays, **options)
     original = BakeJob._measure
 
-    def measured(self, *arguments):
-        layers = tuple(replace(layer, kind=kind) for layer in self.graph.layers)
-        self.graph = replace(self.graph, layers=layers)
-        return original(self, *arguments)
+    def measured(self, measurement, executor, graph, *shares):
+        layers = tuple(replace(layer, kind=kind) for layer in graph.layers)
+        return original(self, measurement, executor, replace(graph, layers=layers), *shares)
 
     monkeypatch.setattr(BakeJob, "_measure", measured)
     return job

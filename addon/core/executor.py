@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -13,6 +13,7 @@ import numpy as np
 from .device import Device
 from .errors import Cancelled
 from .graph import Graph, Node, PlannedLayer
+from .metrics import antialiasing_error
 from .sampling import Sampling
 from .surface import Chunk
 
@@ -39,24 +40,58 @@ class Timing:
 @dataclass
 class Execution:
     """What came out. `images`: (height, width[, channels]) float32 by layer name, row 0 at the bottom.
-    `spread`: the same shape, the mean over pixels' samples of the squared deviation from their mean; empty
-    for one sample, which tells nothing of it. Until the end, both are sums; `samples` counts those that the
-    whole image has (with a progressive sampling)."""
+    `antialiasing`: by an effect's layer, `antialiasing_error` (core/metrics.py) of its pixels. Until a layer
+    is finished its image is the sum of its samples, and `squares` that of their squares; `samples` counts
+    those that the whole image has (with a progressive sampling). Several runs may add to one."""
 
     images: dict[str, np.ndarray] = field(default_factory=dict)
     timings: dict[tuple[str, str], Timing] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
-    spread: dict[str, np.ndarray] = field(default_factory=dict)
+    antialiasing: dict[str, float | None] = field(default_factory=dict)
+    squares: dict[str, np.ndarray] = field(default_factory=dict)
     samples: int = 0
+
+    def begin(self, layer: PlannedLayer, shape: tuple[int, ...], samples: int) -> None:
+        """Makes room for a layer, unless it is a sum that has begun. `shape`: (height, width[, channels])."""
+        if layer.name not in self.images:
+            self.images[layer.name] = np.zeros(shape, np.float32)
+            if samples > 1 and layer.effect:
+                self.squares[layer.name] = np.zeros(shape, np.float32)
+
+    def add(self, layer: PlannedLayer, rows: slice, tile: np.ndarray) -> None:
+        """One sample of some rows."""
+        self.images[layer.name][rows] += tile
+        if layer.name in self.squares:
+            self.squares[layer.name][rows] += tile * tile
+
+    def finish(self, layer: PlannedLayer, samples: int) -> None:
+        """All samples are there: sums become means. Squares are as large as the image; of them one number
+        stays."""
+        image, spread = self.images[layer.name], self.squares.pop(layer.name, None)
+        if samples > 1:
+            image /= np.float32(samples)
+        if layer.effect:
+            self.antialiasing[layer.name] = None
+        if spread is not None:
+            spread /= np.float32(samples)
+            for mean, square in zip(image, spread, strict=True):  # row by row, which takes no memory
+                np.maximum(square - mean * mean, 0.0, out=square)
+            self.antialiasing[layer.name] = antialiasing_error(spread, samples)
 
     def add_time(self, node: Node, device: str, seconds: float, runs: int = 1) -> None:
         timing = self.timings.setdefault((node.key, device), Timing(node, device))
         timing.seconds += seconds
         timing.runs += runs
 
-    def seconds(self, nodes) -> float:
+    def seconds(self, nodes: Iterable[Node], chunks: int = 0) -> float:
+        """What these nodes took; with `chunks`, one pass of so many over nodes at the surface, which several
+        runs repeat."""
         keys = {node.key for node in nodes}
-        return sum(timing.seconds for timing in self.timings.values() if timing.node.key in keys)
+        return sum(
+            timing.seconds * (min(1.0, chunks / timing.runs) if chunks and timing.node.per_surface else 1.0)
+            for timing in self.timings.values()
+            if timing.node.key in keys
+        )
 
 
 @dataclass
@@ -108,15 +143,23 @@ class Executor:
         """Of the run or frame that worked last."""
         return self._now.execution
 
-    def run(self, graph: Graph, sampling: Sampling, collector: Collector | None = None) -> Iterator[float]:
+    def run(
+        self,
+        graph: Graph,
+        sampling: Sampling,
+        collector: Collector | None = None,
+        execution: Execution | None = None,
+    ) -> Iterator[float]:
         """A generator of the share done so far, one value a node; `self.execution` holds the result at its
-        end. Raises Cancelled when the flag of either device is set."""
-        context = self._now = _Context(graph)
+        end. `execution` goes on with an earlier run's. Raises Cancelled when the flag of either device is
+        set."""
+        context = self._now = _Context(graph, execution=execution or Execution())
         if not graph.layers:
             return
         nodes = graph.nodes()
         scene_nodes = [node for node in nodes if not node.per_surface]
         surface_nodes = [node for node in nodes if node.per_surface]
+        spent = _last_uses(graph, surface_nodes)
         total = len(scene_nodes) + len(surface_nodes) * sampling.chunk_count
         readers = Counter(item.key for node in nodes for item in node.inputs)
         done = 0
@@ -131,27 +174,36 @@ class Executor:
                 yield done / total
             for chunk in sampling.chunks():
                 context.chunk = chunk
+                collected: dict[str, np.ndarray] = {}
+                watching = collector is not None and chunk.sample == 0
                 for node in surface_nodes:
                     self._now = context
                     self.value(node, self._home(node))
+                    for layer in graph.layers:
+                        if layer.node == node:
+                            tile = self._collect(layer, sampling, chunk)
+                            if watching:
+                                collected[layer.name] = tile
+                    self._forget(context, spent.get(node, ()))
                     done += 1
                     yield done / total
                 self._now = context
-                for _ in self._collecting(graph, sampling, chunk, collector):
-                    yield done / total
-                    self._raise_if_cancelled()
-                    self._now = context
+                if watching:
+                    device = self._home(graph.surface)
+                    surface = device.to_host(self.value(graph.surface, device))
+                    for _ in collector.add(chunk, surface, collected):
+                        yield done / total
+                        self._raise_if_cancelled()
+                        self._now = context
                 self._drop_passing(context)
                 if chunk.y1 == sampling.height:
                     context.execution.samples = chunk.sample + 1
         finally:
             self._drop_passing(context)
             self._trim()
-        for name, spread in context.execution.spread.items():
-            image = context.execution.images[name]
-            image /= np.float32(sampling.samples)
-            spread /= np.float32(sampling.samples)
-            np.maximum(spread - image * image, 0.0, out=spread)
+        for layer in graph.layers:
+            if layer.is_whole:
+                context.execution.finish(layer, sampling.samples)
 
     def frame(
         self, graph: Graph, chunk: Chunk, epoch: int = 0, execution: Execution | None = None
@@ -303,33 +355,23 @@ class Executor:
     def _time(self, node: Node, device: str, seconds: float) -> None:
         self.execution.add_time(node, device, seconds)
 
-    def _collecting(
-        self, graph: Graph, sampling: Sampling, chunk: Chunk, collector: Collector | None
-    ) -> Iterator[None]:
-        layers = {}
-        for layer in graph.layers:
-            started = time.perf_counter()
-            device = self._home(layer.node)
-            tile = layers[layer.name] = device.to_host(self.value(layer.node, device))
-            rows = slice(chunk.y0, chunk.y1)
-            images, spread = self.execution.images, self.execution.spread
-            if layer.name not in images:
-                shape = (sampling.height, *tile.shape[1:])
-                images[layer.name] = (
-                    np.zeros(shape, np.float32) if sampling.samples > 1 else np.empty(shape, np.float32)
-                )
-                if sampling.samples > 1:
-                    spread[layer.name] = np.zeros(shape, np.float32)
-            if sampling.samples == 1:
-                images[layer.name][rows] = tile
-            else:
-                images[layer.name][rows] += tile
-                spread[layer.name][rows] += tile * tile
-            self.execution.add_time(layer.node, device.name, time.perf_counter() - started, runs=0)
-            yield
-        if collector is not None and chunk.sample == 0:
-            device = self._home(graph.surface)
-            yield from collector.add(chunk, device.to_host(self.value(graph.surface, device)), layers)
+    def _collect(self, layer: PlannedLayer, sampling: Sampling, chunk: Chunk) -> np.ndarray:
+        """Adds a layer's tile to its image; returns the tile on the host."""
+        started = time.perf_counter()
+        device = self._home(layer.node)
+        tile = device.to_host(self.value(layer.node, device))
+        self.execution.begin(layer, (sampling.height, *tile.shape[1:]), sampling.samples)
+        self.execution.add(layer, slice(chunk.y0, chunk.y1), tile)
+        self.execution.add_time(layer.node, device.name, time.perf_counter() - started, runs=0)
+        return tile
+
+    @staticmethod
+    def _forget(context: _Context, nodes: Iterable[Node]) -> None:
+        """Drops values at the surface. Not freed by force: a step may hand on what it was given, so that
+        another value shares it."""
+        keys = {node.key for node in nodes}
+        for place in [place for place in context.passing if place[1] in keys]:
+            del context.passing[place]
 
     def _free_inputs(self, node: Node, readers: Counter) -> None:
         """Frees what `node` was the last to read."""
@@ -366,6 +408,17 @@ class Executor:
             # Not freed by force: a step may hand on what it was given, so that another value shares it.
             del self._framed[key]
             excess -= self._framed_bytes.pop(key)[0]
+
+
+def _last_uses(graph: Graph, nodes: list[Node]) -> dict[Node, list[Node]]:
+    """Of nodes at the surface in their order: what no later one reads, by the last that does. The surface
+    itself stays, for the collector."""
+    last = {item: node for node in nodes for item in (*node.inputs, node) if item.per_surface}
+    spent: dict[Node, list[Node]] = {}
+    for item, node in last.items():
+        if item != graph.surface:
+            spent.setdefault(node, []).append(item)
+    return spent
 
 
 def drain(steps: Iterator[float], progress: Callable[[float], None] | None = None) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import marshal
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import lru_cache
 from typing import Any
@@ -12,7 +12,21 @@ from typing import Any
 import numpy as np
 
 from .effect import Blend, LayerKind
+from .outline import Outline
 from .params import Params
+
+
+@dataclass(frozen=True)
+class Sum:
+    """How a step's value comes apart into nodes whose values add up to it, so that not all of its inputs have
+    to be there at once.
+
+    `terms(node)`: of each term, those inputs that no other term needs. `part(node, numbers)`: a node that is
+    the sum of the terms of these numbers; that of all is the node itself.
+    """
+
+    terms: Callable[[Node], tuple[tuple[Node, ...], ...]]
+    part: Callable[[Node, Collection[int]], Node]
 
 
 @dataclass(frozen=True)
@@ -24,6 +38,8 @@ class Step:
     `per_surface`: it reads shading points, so it runs once for each tile and sample.
     `told_chunk`: its twins get the tile and sample too, as `chunk` (core/surface.py).
     `copyable`: its value can be moved between devices; if not, the step runs again where it is wanted.
+    `bytes_of(node, outline)`: about how many bytes a node's value takes while it is kept, None where it is
+    next to nothing or one tile's. `sum`: how it comes apart, None where it does not.
     """
 
     name: str
@@ -33,6 +49,8 @@ class Step:
     per_surface: bool = False
     copyable: bool = True
     told_chunk: bool = False
+    bytes_of: Callable[[Node, Outline], int] | None = None
+    sum: Sum | None = None
 
     def twin(self, device_name: str) -> Callable | None:
         return self.cpu if device_name == "cpu" else self.gpu
@@ -125,7 +143,8 @@ class PlannedLayer:
     """An image that the graph makes. `name` is unique and safe for a file; `effect` is the effect's id, empty
     for a picture that is no baked layer; `params` are the effect's. `light` is the light's own name,
     `light_index` its place in Outline.lights, None where there is no one light; `casters` are the instances
-    that can block it into view."""
+    that can block it into view. `is_whole`: not so where other graphs' layers of that name are still to be
+    added to it."""
 
     name: str
     effect: str
@@ -135,6 +154,7 @@ class PlannedLayer:
     light: str = ""
     light_index: int | None = None
     casters: frozenset[int] = frozenset()
+    is_whole: bool = True
 
     @property
     def channels(self) -> str:

@@ -99,5 +99,6 @@ def antialiasing_error(spread, samples: int) -> float | None:
     """
     if samples < 2:
         return None
-    spread = np.asarray(spread, np.float64)
-    return float(np.sqrt(spread[np.isfinite(spread)].sum() / max(spread.size, 1) / (samples - 1)))
+    spread = np.asarray(spread)
+    total = np.sum(spread, where=np.isfinite(spread), dtype=np.float64)
+    return float(np.sqrt(total / max(spread.size, 1) / (samples - 1)))

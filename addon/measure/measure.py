@@ -43,26 +43,33 @@ class Measurement:
         self._outline = outline
         # GeneratorExit: whoever ran it has gone. A panic of the kernels is a BaseException too.
         self._passes_through = (Cancelled, KeyboardInterrupt, SystemExit, GeneratorExit, *cancelled)
-        self._lost: NotMeasured | None = None  # why there are no probes
+        self._lost: dict[str, NotMeasured] = {}  # by layer, why there are no probes
         attributes = tuple(sorted(graph.surface_attributes))
         self._watched = {
             layer.name: _watched(layer, outline, attributes) for layer in graph.layers if layer.kind.reference
         }
-        self._collector = ProbeCollector(self._watched.values(), probes, seed, outline.frame)
+        self._collectors: dict[str, ProbeCollector] = {}  # by layer; layers made together share one
         self._jitter = (0.0, 0.0)  # of the first sample
-        self._collecting_seconds = 0.0  # of one layer
+        self._collecting_seconds = dict.fromkeys(self._watched, 0.0)
 
     def add(
         self, chunk: Chunk, surface: dict[str, np.ndarray], layers: dict[str, np.ndarray]
     ) -> Generator[None]:
-        """See ProbeCollector.add."""
-        if self._lost:
-            return
+        """See ProbeCollector.add; `layers` are those that are made together, in all their tiles."""
         if chunk.sample == 0:
             self._jitter = chunk.jitter
-        work = timed(self.guarded(self._collector.add(chunk, surface, layers)))
-        self._lost, seconds = yield from work
-        self._collecting_seconds += seconds / max(len(self._watched), 1)
+        watched = [self._watched[name] for name in layers if name in self._watched]
+        if not watched or watched[0].name in self._lost:
+            return
+        if watched[0].name not in self._collectors:
+            collector = ProbeCollector(watched, self.probes, self.seed, self._outline.frame)
+            self._collectors |= {each.name: collector for each in watched}
+        collector = self._collectors[watched[0].name]
+        lost, seconds = yield from timed(self.guarded(collector.add(chunk, surface, layers)))
+        for each in watched:
+            self._collecting_seconds[each.name] += seconds / len(watched)
+            if lost:
+                self._lost[each.name] = lost
 
     def guarded[Result](
         self, work: Generator[None, None, Result]
@@ -80,17 +87,22 @@ class Measurement:
     ) -> Generator[None, None, LayerError | NotMeasured]:
         """One layer's error, after the last tile; yields between slices of work. `casters` (instances,)
         uint8: what can block the light; `image` (height, width[, channels]): the finished layer."""
-        if self._lost:
-            return self._lost
+        if layer.name in self._lost:
+            return self._lost[layer.name]
         error, seconds = yield from timed(self._measuring(layer, rays, casters, image))
-        return replace(error, seconds=self._collecting_seconds + seconds)
+        return replace(error, seconds=self._collecting_seconds[layer.name] + seconds)
+
+    def forget(self, layer: PlannedLayer) -> None:
+        """Frees the probes of a layer that has been measured."""
+        if collector := self._collectors.pop(layer.name, None):
+            collector.forget(layer.name)
 
     def _measuring(self, layer, rays, casters, image) -> Generator[None, None, LayerError]:
         kind, seed = layer.kind, int(hash_bits(self.seed, text_bits(layer.name)))
         if kind.metric == Metric.WEIGHTED_RMSE:
             return self._measuring_shadow(layer, rays, casters, seed)
         outline, size = self._outline, self._outline.computed_size
-        strata = list(self._collector.kept(layer.name))
+        strata = list(self._collectors[layer.name].kept(layer.name))
 
         def along(seen, seed):
             return kind.reference(rays, outline, layer, seen, seed)
@@ -100,7 +112,7 @@ class Measurement:
             return along(view_rays(outline.view, size, pixels, self._jitter, kept.surface), seed)
 
         if kind.metric == Metric.RELATIVE_L2:
-            total = self._collector.totals[layer.name]
+            total = self._collectors[layer.name].totals[layer.name]
             probes = self.probes * kind.looks
             return measure_light(
                 strata, total, size[0] * size[1], probes, at_pixels, kind.reference_name, seed
@@ -125,7 +137,7 @@ class Measurement:
             light = ShadowLight(watched.emitter, casters)
             return layer.kind.reference(rays, light, points, samples, seed)
 
-        strata = shadow_strata(self._collector, watched)
+        strata = shadow_strata(self._collectors[layer.name], watched)
         return measure_visibility(strata, self.probes, weigh, screen, reference, seed)
 
 

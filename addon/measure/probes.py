@@ -282,6 +282,10 @@ class ProbeCollector:
                 index = np.flatnonzero(code == each)
             kept[each].add(columns, index)
 
+    def forget(self, name: str) -> None:
+        """Frees what was kept for a layer."""
+        self._kept[name].clear()
+
     def kept(self, name: str) -> Iterator[Kept]:
         """What was kept for a layer, once all tiles were seen; none for dark pixels."""
         attributes = next(layer.attributes for layer in self._watched if layer.name == name)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..core.graph import Graph
-from ..core.metrics import antialiasing_error
+from ..core.memory import MemoryEstimate
 from ..core.outline import Outline
 from ..core.version import VERSION
 from .table import columns, heading, wrapped
@@ -110,7 +110,8 @@ class LayerReport:
 
 @dataclass(frozen=True)
 class Report:
-    """`left_out`: pairs of what and why. `peak_mb`: the process's largest resident memory so far, MiB."""
+    """`left_out`: pairs of what and why. `peak_mb`: the process's largest resident memory so far, MiB;
+    `memory`: what was told of it before (MemoryEstimate.to_json, core/memory.py), None where nothing was."""
 
     strata: str
     blender: str
@@ -127,6 +128,7 @@ class Report:
     layers: tuple[LayerReport, ...]
     left_out: tuple[tuple[str, str], ...]
     warnings: tuple[str, ...]
+    memory: MemoryEstimate | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Plain dicts, lists, strings and finite numbers."""
@@ -139,6 +141,7 @@ class Report:
             "layers": [layer.to_json() for layer in self.layers],
             "left_out": [{"what": what, "reason": reason} for what, reason in self.left_out],
             "warnings": list(self.warnings),
+            "memory": self.memory.to_json() if self.memory else None,
         }
 
 
@@ -163,11 +166,11 @@ def report_of(
     costs: Mapping[str, tuple[float, float]],
     errors: Mapping[str, LayerError | NotMeasured],
     warnings: Sequence[str],
-    spread: Mapping[str, np.ndarray] | None = None,
-    samples: int = 1,
+    antialiasing: Mapping[str, float | None] | None = None,
+    memory: MemoryEstimate | None = None,
 ) -> Report:
     """Puts a bake's figures together. By layer name: `images`, `costs` (seconds, seconds alone), `errors` of
-    the layers that were to be measured, and `spread` (Execution.spread) of `samples` samples a pixel."""
+    the layers that were to be measured, and `antialiasing` (Execution.antialiasing)."""
     layers = [
         LayerReport(
             layer.name,
@@ -176,7 +179,7 @@ def report_of(
             *costs[layer.name],
             _non_finite(images[layer.name]),
             errors.get(layer.name),
-            antialiasing_error(spread[layer.name], samples) if spread else None,
+            (antialiasing or {}).get(layer.name),
         )
         for layer in graph.layers
         if layer.effect
@@ -198,6 +201,7 @@ def report_of(
         layers=tuple(layers),
         left_out=tuple((left.what, left.reason) for left in graph.left_out),
         warnings=tuple(dict.fromkeys(warnings)),
+        memory=memory,
     )
 
 
@@ -233,6 +237,7 @@ def format_table(report: Report) -> str:
         f"time     {_seconds(report.seconds)} in all"
         + (f", of which {_seconds(report.compile_seconds)} compiling" if report.compile_seconds else "")
         + (f"; peak memory {report.peak_mb} MB" if report.peak_mb else ""),
+        *([f"memory   {report.memory.sentence}"] if report.memory else []),
         "",
         *columns(
             ["layer", "seconds", "error", "95% interval", "99% below", "max", "metric"], _layer_rows(report)

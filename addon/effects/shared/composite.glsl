@@ -1,5 +1,6 @@
 // One join of the composite. Defines: FIRST, which starts it; LIGHT with SHADOWS, the number of layers that
-// scale the light; or how a layer joins (MULTIPLY, ADD, OVER), with GREY where it has one channel.
+// scale the light; or how a layer joins (MULTIPLY, ADD, OVER), with GREY where it has one channel. With PART
+// only some of the light is summed: no alpha, and of what lies over it only what it hides.
 
 void main()
 {
@@ -8,7 +9,11 @@ void main()
     return;
   }
 #ifdef FIRST
+#  ifdef PART
+  vec4 sum = vec4(0.0);
+#  else
   vec4 sum = vec4(0.0, 0.0, 0.0, texelFetch(albedo, pixel, 0).a);
+#  endif
 #else
   vec4 sum = imageLoad(total, pixel);
 #  ifdef LIGHT
@@ -39,7 +44,11 @@ void main()
   sum.rgb += joined.rgb;
 #    endif
 #    ifdef OVER
+#      ifdef PART
+  sum = (1.0 - joined.a) * sum;
+#      else
   sum = joined + (1.0 - joined.a) * sum;
+#      endif
 #    endif
 #  endif
 #endif

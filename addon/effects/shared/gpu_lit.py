@@ -39,6 +39,7 @@ COMPOSITE = Shader(
     params=("size", "share"),
 )
 FIRST = replace(COMPOSITE, defines=("FIRST",), images=(("total", "RGBA32F", "WRITE"),))
+FIRST_OF_PART = FIRST.defining("PART")
 
 
 def _irradiance_variant(kind: EmitterKind, single: bool, linked: bool) -> Shader:
@@ -55,14 +56,14 @@ def _light_variant(shadows: int) -> Shader:
     return replace(shader, samplers=(*shader.samplers, *images))
 
 
-def _join_variant(blend: Blend, grey: bool) -> Shader:
-    shader = COMPOSITE.defining(blend.name, *["GREY"] * grey)
+def _join_variant(blend: Blend, grey: bool, part: bool = False) -> Shader:
+    shader = COMPOSITE.defining(blend.name, *["GREY"] * grey, *["PART"] * part)
     return replace(shader, samplers=(("layer", "FLOAT_2D"),))
 
 
 def variants() -> Iterator[Shader]:
     """Every program that these steps may compile."""
-    yield from (MATERIAL_COLOUR, TEXTURE_COLOUR, FIRST)
+    yield from (MATERIAL_COLOUR, TEXTURE_COLOUR, FIRST, FIRST_OF_PART)
     for kind in EmitterKind:
         for single in (False, True):
             for linked in (False, True):
@@ -72,6 +73,7 @@ def variants() -> Iterator[Shader]:
     for blend in (Blend.MULTIPLY, Blend.ADD, Blend.OVER):
         for grey in (False, True) if blend != Blend.OVER else (False,):
             yield _join_variant(blend, grey)
+    yield _join_variant(Blend.OVER, False, part=True)
 
 
 def material_colour(device, surface, colours, images, version):
@@ -135,12 +137,13 @@ def _spread_scale(tangent: float) -> float:
     return float(1.0 / (tangent - np.arctan(tangent)))
 
 
-def composite(device, albedo, *inputs, joins):
+def composite(device, albedo, *inputs, joins, is_rest=True):
     """An image (h, w, 4), as the kernel of the same name."""
     shape = albedo.shape[:2]
     size = shape[::-1]
     total = device.new_image((*shape, 4))
-    device.dispatch(FIRST, size, {"total": total}, {"albedo": albedo}, {"size": size, "share": ()})
+    first = FIRST if is_rest else FIRST_OF_PART
+    device.dispatch(first, size, {"total": total}, {"albedo": albedo}, {"size": size, "share": ()})
     queue = iter(inputs)
     for kind, *details in joins:
         image = next(queue)
@@ -154,6 +157,7 @@ def composite(device, albedo, *inputs, joins):
             samplers |= {f"shadow{i}": next(queue) for i in range(shadows)}
             shader = _light_variant(shadows)
         else:
-            shader, samplers = _join_variant(Blend(kind), image.channels == 1), {"layer": image}
+            is_veil = kind == Blend.OVER.value and not is_rest
+            shader, samplers = _join_variant(Blend(kind), image.channels == 1, is_veil), {"layer": image}
         device.dispatch(shader, size, {"total": total}, samplers, params)
     return total

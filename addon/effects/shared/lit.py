@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from ...core.culling import unlit_reason
-from ...core.effect import LayerKind, Metric
-from ...core.graph import Node, Step
+from ...core.effect import Blend, LayerKind, Metric
+from ...core.graph import Node, Step, Sum
 from ...core.outline import Light, Outline, emitter_measure
 from ...core.recorder import Recorder
 from . import gpu_lit
@@ -58,7 +60,7 @@ def _irradiance(device, surface, eye, emitter, receivers):
     return irradiance
 
 
-def _composite(device, albedo, *inputs, joins):
+def _composite(device, albedo, *inputs, joins, is_rest=True):
     queue, told = iter(inputs), []
     for kind, *details in joins:
         images, share = [next(queue)], np.zeros(3, np.float32)
@@ -66,8 +68,44 @@ def _composite(device, albedo, *inputs, joins):
             radiance, shadows = details
             images += [next(queue) for _ in range(shadows)]
             share = np.array(radiance, np.float32) / np.float32(np.pi)
+        elif kind == Blend.OVER.value and not is_rest:  # of what lies over the light, only what it hides
+            images[0] = images[0] * np.array((0.0, 0.0, 0.0, 1.0), np.float32)
         told.append((kind, [np.ascontiguousarray(image) for image in images], share.tolist()))
-    return device.kernels.composite(np.ascontiguousarray(albedo), told)
+    total = device.kernels.composite(np.ascontiguousarray(albedo), told)
+    if not is_rest:
+        total[..., 3] = 0.0
+    return total
+
+
+def _joined_inputs(node: Node) -> list[tuple[tuple, tuple[Node, ...]]]:
+    """Each join with the nodes of its images."""
+    queue, found = iter(node.inputs[1:]), []
+    for join in node.params["joins"]:
+        count = 1 + join[2] if join[0] == "light" else 1
+        found.append((join, tuple(next(queue) for _ in range(count))))
+    return found
+
+
+def _terms(node: Node) -> tuple[tuple[Node, ...], ...]:
+    """First the rest, which is alpha and the colour of what lies over the light, then each light and each
+    layer that adds."""
+    joins = _joined_inputs(node)
+    return ((), *(images for join, images in joins if join[0] in ("light", Blend.ADD.value)))
+
+
+def _part(node: Node, numbers: Collection[int]) -> Node:
+    """What multiplies or covers light multiplies or covers each term alike."""
+    joins, inputs, term = [], [], 0
+    for join, images in _joined_inputs(node):
+        is_term = join[0] in ("light", Blend.ADD.value)
+        term += is_term
+        if not is_term or term in numbers:
+            joins.append(join)
+            inputs += images
+    if len(joins) == len(node.params["joins"]) and 0 in numbers:
+        return node
+    params = {"joins": tuple(joins), "is_rest": 0 in numbers}
+    return Node(node.step, node.instance, (node.inputs[0], *inputs), params)
 
 
 # Base colour or emission of every shading point, RGBA with alpha 1 on a surface.
@@ -75,7 +113,7 @@ MATERIAL_COLOUR = Step("material_colour", cpu=_material_colour, gpu=gpu_lit.mate
 # What a light sends to every shading point if nothing is in the way, per unit of its radiance.
 IRRADIANCE = Step("irradiance", cpu=_irradiance, gpu=gpu_lit.irradiance)
 # Diffuse radiance towards the eye, RGBA, premultiplied.
-COMPOSITE = Step("composite", cpu=_composite, gpu=gpu_lit.composite)
+COMPOSITE = Step("composite", cpu=_composite, gpu=gpu_lit.composite, sum=Sum(_terms, _part))
 
 
 def brightness(light: Light) -> tuple[float, float, float]:

@@ -47,15 +47,40 @@ def _ray_accelerator(device, geometry, eye, casters):
     return device.unless_cancelled(lambda: device.kernels.Accel(geometry, np.array(eye), mask))
 
 
+TRIANGLE_BYTES = 100
+"""Of a mesh: half a vertex, two corners with normals, and the three that it has; about the same on a GPU."""
+
+LEAF_BYTES = 130
+"""Of each instance's triangle in the hierarchy of rays. Measured."""
+
+
+def _geometry_bytes(node: Node, outline: Outline) -> int:
+    return TRIANGLE_BYTES * sum(mesh.triangles for mesh in outline.meshes)
+
+
+def _accelerator_bytes(node: Node, outline: Outline) -> int:
+    instances = (outline.instances[index] for index in node.params["casters"])
+    return LEAF_BYTES * sum(outline.meshes[each.mesh].triangles for each in instances)
+
+
+def depth_bytes(node: Node, outline: Outline) -> int:
+    """Of a layered depth map."""
+    return 4 * node.params["layers"] * node.params["width"] * node.params["height"]
+
+
 # The scene's meshes and instances, on the device.
-GEOMETRY = Step("geometry", cpu=_geometry, gpu=gpu_steps.geometry, copyable=False)
+GEOMETRY = Step("geometry", cpu=_geometry, gpu=gpu_steps.geometry, copyable=False, bytes_of=_geometry_bytes)
 # Shading points of one tile and sample: a dict of attribute arrays (core/surface.py).
 SURFACE = Step("surface", cpu=_surface, gpu=gpu_steps.surface, per_surface=True)
 # The nearest `layers` depths along each texel's ray, ascending, by single-pass k-buffer (thesis 4.3).
-LAYERED_DEPTH = Step("layered_depth", cpu=_layered_depth, gpu=gpu_steps.layered_depth)
+LAYERED_DEPTH = Step("layered_depth", cpu=_layered_depth, gpu=gpu_steps.layered_depth, bytes_of=depth_bytes)
 # A bounding volume hierarchy over the casters.
 RAY_ACCELERATOR = Step(
-    "ray_accelerator", cpu=_ray_accelerator, hole="rays live on the CPU only", copyable=False
+    "ray_accelerator",
+    cpu=_ray_accelerator,
+    hole="rays live on the CPU only",
+    copyable=False,
+    bytes_of=_accelerator_bytes,
 )
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.graph import Step
+from ...core.graph import Node, Step
+from ...core.outline import Outline
 from ...core.random import hash_bits
 from ..shared.membership import belong
 from . import beside, gpu_steps
@@ -77,8 +78,17 @@ def _receivers(device, surface, visibility, receivers):
     return np.where(belong(device, surface, receivers), visibility, np.float32(1.0))
 
 
+def _prepared_bytes(node: Node, outline: Outline) -> int:
+    """Of each texel a depth and a slope a layer, and two nearest depths of all; coarser maps add a third."""
+    depth = node.inputs[0].params
+    texels = depth["width"] * depth["height"]
+    return texels * (9 * depth["layers"] + 8) * 4 // 3
+
+
 # Biases and coarser maps of one layered depth map (thesis 5.3.2 and 5.3.4).
-PREPARE = Step("soft_shadow/prepare", cpu=_prepare, gpu=gpu_steps.prepare, copyable=False)
+PREPARE = Step(
+    "soft_shadow/prepare", cpu=_prepare, gpu=gpu_steps.prepare, copyable=False, bytes_of=_prepared_bytes
+)
 # Texels projected back onto the light from every shading point (thesis eq. 5.3).
 BACKPROJECT = Step("soft_shadow/backproject", cpu=_backproject, gpu=gpu_steps.backproject)
 # Where in a map's window to doubt it for what stands beside the window, close to the light.

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.graph import Step
+from ...core.graph import Node, Step
 from ...core.medium import Medium
+from ...core.outline import Outline
 from ...core.surface import Chunk
 from . import gpu_steps
 from .lattice import lattice_of, offset_of
@@ -112,10 +113,34 @@ def _limits(surface, view, chunk: Chunk) -> tuple[np.ndarray, np.ndarray]:
     return np.float32(view.near) * lengths, surface["depth"] * lengths
 
 
+def _light_map_bytes(node: Node, outline: Outline) -> int:
+    """Lowest and highest of each texel; coarser maps add a third."""
+    depth = node.inputs[0].params
+    return depth["width"] * depth["height"] * 8 * 4 // 3
+
+
+def _medium_map_bytes(node: Node, outline: Outline) -> int:
+    """The same, all depths, and the one stretch where there is one."""
+    depth = node.inputs[0].params
+    return _light_map_bytes(node, outline) + depth["width"] * depth["height"] * (4 * depth["layers"] + 8)
+
+
 # A light's depth map with minima and maxima, for walking along rays.
-LIGHT_MAP = Step("volumetric_light/light_map", cpu=_light_map, gpu=gpu_steps.light_map, copyable=False)
+LIGHT_MAP = Step(
+    "volumetric_light/light_map",
+    cpu=_light_map,
+    gpu=gpu_steps.light_map,
+    copyable=False,
+    bytes_of=_light_map_bytes,
+)
 # A bounded medium's entries and exits from a light.
-MEDIUM_MAP = Step("volumetric_light/medium_map", cpu=_medium_map, gpu=gpu_steps.medium_map, copyable=False)
+MEDIUM_MAP = Step(
+    "volumetric_light/medium_map",
+    cpu=_medium_map,
+    gpu=gpu_steps.medium_map,
+    copyable=False,
+    bytes_of=_medium_map_bytes,
+)
 # A bounded medium's entries and exits along the camera's rays.
 SPANS = Step("volumetric_light/spans", cpu=_spans, gpu=gpu_steps.spans, per_surface=True, told_chunk=True)
 # Light of one source of a light, scattered once towards the eye (source, eq. 2.2) in a medium without end.
