@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +36,9 @@ class Range:
 
 @dataclass(eq=False)
 class DrawList:
-    """Which triangles to draw, in the order of the instances, those to be alpha tested last.
+    """Which triangles to draw, in the order of the instances, since of equal depths the first one drawn is
+    kept. Those to be alpha tested come last, to change programs seldom; but before everything come, in their
+    own order, the instances that stand at one place, where alone depths of different instances are equal.
 
     A run is one instance's triangles of one material: two texels of `runs`, then a last one that only
     starts where the triangles end. `blocks` holds the run of every BLOCK-th triangle.
@@ -95,7 +99,8 @@ class GpuGeometry:
         return self._lists[instances]
 
     def _list(self, instances: list[int]) -> DrawList:
-        opaque, tested = [], {}
+        at_one_place = self._at_one_place(instances)
+        found = []  # what to sort by, the material whose alpha to look up or None, and a run
         for index in instances:
             instance = self._instances[index]
             mesh = self._meshes[instance.mesh]
@@ -103,17 +108,18 @@ class GpuGeometry:
                 material = instance.materials[min(slot, len(instance.materials) - 1)]
                 run = (index, material, first, mesh.first_vertex, count)
                 kind = _alpha_kind(self._cutouts[material])
-                if kind == "opaque":
-                    opaque.append(run)
-                elif kind == "tested":
-                    tested.setdefault(material, []).append(run)
+                tested = material if kind == "tested" else None
+                last = -1 if tested is None else material
+                if kind != "absent" and count:
+                    found.append(((0, 0) if index in at_one_place else (1, last), tested, run))
+        found.sort(key=lambda each: each[0])
         ranges, runs, start = [], [], 0
-        for material, group in [(None, opaque), *sorted(tested.items())]:
-            count = sum(run[4] for run in group)
-            if count:
-                ranges.append(Range(start, count, material))
-                runs += group
-                start += count
+        for material, group in itertools.groupby(found, key=lambda each: each[1]):
+            some = [run for _, _, run in group]
+            count = sum(run[4] for run in some)
+            ranges.append(Range(start, count, material))
+            runs += some
+            start += count
         table = np.array([*runs, (0, 0, 0, 0, 0)], np.int64)
         starts = np.concatenate([[0], np.cumsum(table[:-1, 4])])
         first = np.concatenate([halves(starts), table[:, :2].astype(np.float32)], axis=1)
@@ -125,6 +131,17 @@ class GpuGeometry:
             self._device.upload_table(blocks[:, None].astype(np.float32)),
             tuple(ranges),
         )
+
+    def _at_one_place(self, instances: list[int]) -> set[int]:
+        """Those that share their matrix and their mesh's box with another one."""
+
+        def place(index: int):
+            mesh = self._meshes[self._instances[index].mesh]
+            return self._matrices[index].tobytes(), mesh.low.tobytes(), mesh.high.tobytes()
+
+        places = {index: place(index) for index in instances}
+        count = Counter(places.values())
+        return {index for index, place in places.items() if count[place] > 1}
 
     def depth_bounds(self, view: View, instances: frozenset[int]) -> tuple[float, float]:
         """Smallest and largest depth of the instances' boxes, metres along the view's forward axis."""
