@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,6 +20,7 @@ from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups
 from .core.outline import Outline
 from .core.recorder import plan
 from .core.sampling import Sampling
+from .core.sequence import SequenceLayer, with_neutral
 from .core.slices import timed
 from .devices.cpu import CpuRays
 from .devices.start import Devices, start_devices
@@ -113,7 +114,8 @@ class Baked:
 
 class BakeJob:
     """A bake under way. `advance` works for about a budget of seconds, so that it can run in time slices on
-    the main thread (a GPU) or to its end on a worker thread (the CPU)."""
+    the main thread (a GPU) or to its end on a worker thread (the CPU). What the graph lacks of `sequence` is
+    neutral in the result; `warnings` go to its report."""
 
     def __init__(
         self,
@@ -123,16 +125,19 @@ class BakeJob:
         options: Options,
         devices: Devices | None = None,
         read_seconds: float = 0.0,
+        sequence: tuple[SequenceLayer, ...] = (),
+        warnings: Sequence[str] = (),
     ):
         self.outline = outline
         self.graph = graph
         self.options = options
+        self.sequence = sequence
         self.devices = devices or start_devices(options.backend)
         for device in {self.devices.primary, self.devices.fallback}:
             device.set_scene(outline, arrays)
         self.progress = 0.0
         self.stage = "Starting"
-        self._warnings = [*outline.warnings, *arrays.warnings]
+        self._warnings = [*warnings, *outline.warnings, *arrays.warnings]
         self._read_seconds = read_seconds
         self._look_seconds = 0.0
         self._rays: CpuRays | NotMeasured | None = None  # for measuring
@@ -316,6 +321,12 @@ class BakeJob:
                     params.as_dict(),
                 )
             )
+        self.graph, missing = with_neutral(self.graph, self.sequence, outline)
+        settings = {effect_id: params.as_dict() for effect_id, params in chosen.items()}
+        layers += (layer.neutral(outline.size, settings.get(layer.effect, {})) for layer in missing)
+        if self.sequence:
+            places = {layer.name: place for place, layer in enumerate(self.sequence)}
+            layers.sort(key=lambda layer: places.get(layer.name, len(places)))
         steps = [
             StepTime(timing.node.step.name, timing.node.instance, timing.device, timing.seconds)
             for timing in execution.timings.values()
@@ -336,6 +347,7 @@ class BakeJob:
             costs=costs,
             errors=errors,
             warnings=[*self._warnings, *execution.warnings],
+            neutral=missing,
         )
         width, height = outline.size
         aspect = outline.pixel_aspect[0] / outline.pixel_aspect[1]
@@ -356,7 +368,10 @@ class BakeJob:
             for layer in self.graph.layers
             if not layer.effect
         }
-        return Baked(layer_set, report, pictures, pictures.pop(None, None))
+        picture = pictures.pop(None, None)
+        if picture is None and self.options.composite and self.sequence:
+            picture = np.broadcast_to(np.float32(0.0), (height, width, 4))  # as other frames have one
+        return Baked(layer_set, report, pictures, picture)
 
 
 def _value_apart(executor: Executor, node: Node, device) -> tuple[Any, float]:
@@ -413,10 +428,17 @@ def read_scene(
 
 
 def read_job(
-    scene, view_layer, options_of: Callable[[Any], Options], frame: int | None = None, camera=None, size=None
+    scene,
+    view_layer,
+    options_of: Callable[[Any], Options],
+    frame: int | None = None,
+    camera=None,
+    size=None,
+    **more,
 ) -> BakeJob:
     """A bake of the scene as F12 would see it. `options_of(scene)` is asked with the scene as evaluated at
-    the frame, where animated and driven settings have their values. Only on the main thread."""
+    the frame, where animated and driven settings have their values; `more` goes to the BakeJob. Only on the
+    main thread."""
     from .scene.render_depsgraph import with_render_depsgraph
 
     def look(depsgraph):
@@ -424,7 +446,7 @@ def read_job(
         return options, read_depsgraph(depsgraph, options, camera, size)
 
     options, (*read, seconds) = with_render_depsgraph(scene, view_layer, look, frame, camera)
-    return BakeJob(*read, options, read_seconds=seconds)
+    return BakeJob(*read, options, read_seconds=seconds, **more)
 
 
 def bake(scene, view_layer, options: Options, **where) -> Baked:

@@ -44,18 +44,20 @@ class Placeholder:
 
 
 def frames(text: str) -> tuple[int, ...]:
-    """`5`, `1-10`, `1,4,8-12`; in order, each once."""
+    """`5`, `1-10`, `1-100x2` (every second), `1,4,8-12`; in order, each once."""
     found: dict[int, None] = {}
     for part in text.split(","):
-        match = re.fullmatch(r"\s*(-?\d{1,7})(?:-(-?\d{1,7}))?\s*", part)
+        match = re.fullmatch(r"\s*(-?\d{1,7})(?:-(-?\d{1,7})(?:x(\d{1,7}))?)?\s*", part)
         if not match:
-            raise argparse.ArgumentTypeError(f"'{text}' is not frames like 1-10 or 1,4,8-12")
-        first, last = int(match[1]), int(match[2] or match[1])
+            raise argparse.ArgumentTypeError(f"'{text}' is not frames like 1-10, 1-100x2 or 1,4,8-12")
+        first, last, step = int(match[1]), int(match[2] or match[1]), int(match[3] or 1)
+        if step < 1:
+            raise argparse.ArgumentTypeError(f"frames '{part.strip()}' have no step")
         if last < first:
             raise argparse.ArgumentTypeError(f"frames '{part.strip()}' run backwards")
-        if len(found) + last - first >= MOST_FRAMES:
+        if len(found) + (last - first) // step >= MOST_FRAMES:
             raise argparse.ArgumentTypeError(f"'{text}' is more than {MOST_FRAMES} frames")
-        found.update(dict.fromkeys(range(first, last + 1)))
+        found.update(dict.fromkeys(range(first, last + 1, step)))
     return tuple(found)
 
 
@@ -126,7 +128,6 @@ def build_parser(needs_scene: bool) -> Parser:
     bake.add_argument("-o", "--output", required=True, type=Placeholder, metavar="OUT.exr",
                       help="where to; #### is the frame number")  # fmt: skip
     bake.add_argument("--backend", choices=("auto", "cpu", "gpu"), help="default: the scene's, or auto")
-    bake.add_argument("--frames", type=frames, metavar="1-10", help="default: the scene's current frame")
     bake.add_argument("--samples", type=whole_number(1, 4096), metavar="N",
                       help="surfaces per pixel (default: the scene's, or 8)")  # fmt: skip
     bake.add_argument("--probes", type=whole_number(0, 1 << 20), metavar="N",
@@ -152,6 +153,12 @@ def _scene_flags(needs_scene: bool) -> argparse.ArgumentParser:
     flags.add_argument("scene_file", nargs=None if needs_scene else "?", metavar="SCENE.blend")
     flags.add_argument(
         "--effects", type=names, metavar="a,b", help="default: those the scene has switched on"
+    )
+    flags.add_argument(
+        "--frames",
+        type=frames,
+        metavar="1-10",
+        help="or 1-100x2, 1,4,8-12 (default: the scene's current frame)",
     )
     flags.add_argument("--scene", metavar="S", help="default: the file's active scene")
     flags.add_argument("--view-layer", metavar="V", help="default: the scene's first that renders")

@@ -14,6 +14,7 @@ from ..addon.job import Runner, run_to_end
 from ..addon.layers.exr import check_codec, write_layers
 from ..addon.layers.files import check_writable
 from ..addon.layers.images import make_images
+from ..addon.sequence import sequence_layers
 from ..addon.ui.properties import exr_of, options_of
 from ..addon.ui.registration import Classes
 from ..addon.ui.state import STATE
@@ -110,8 +111,12 @@ class STRATA_OT_bake(bpy.types.Operator):
             self._exr = exr_of(scene)
             check_codec(self._exr)
         composite = True if self._path and self._exr.composite else None
-        self._job = job = read_job(scene, context.view_layer, partial(options_of, composite=composite))
-        if reason := nothing_to_bake(job.graph):
+        where = scene, context.view_layer, partial(options_of, composite=composite)
+        sequence = None
+        if self._path and Placeholder(self.filepath or scene.strata.output).is_numbered:
+            sequence = sequence_layers(*where, (scene.frame_current,))
+        self._job = job = read_job(*where, sequence=sequence or ())
+        if reason := nothing_to_bake(job.graph, job.sequence):
             STATE.show_plan(self._scene_id, job.graph)
             self.report({"WARNING"}, reason[0].upper() + reason[1:])
             return None
@@ -175,7 +180,7 @@ class STRATA_OT_plan(bpy.types.Operator):
 
     @reported
     def execute(self, context):
-        _, graph = read_plan(context.scene, context.view_layer, options_of(context.scene))
+        _, graph = read_plan(context.scene, context.view_layer, options_of)
         STATE.show_plan(context.scene.session_uid, graph)
         _redraw(context)
         return {"FINISHED"}

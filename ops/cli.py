@@ -146,26 +146,54 @@ def _camera(chosen):
 def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
     from ..addon.bake import Options
     from ..addon.ui.properties import options_of
-    from .planning import described_plan, read_plan
+    from .planning import described_plan, plan_lines, read_plan
 
     given = {"effects": arguments.effects, "values": nested(arguments.set)}
     Options(**given).chosen()  # wrong words are found before a large file is opened
     with _properties():
         chosen = _open(arguments, interrupts)
-        options = options_of(chosen.scene, **given)
-        plan = described_plan(
-            *read_plan(chosen.scene, chosen.view_layer, options, _camera(chosen), arguments.size)
-        )
+        where, camera = (chosen.scene, chosen.view_layer, partial(options_of, **given)), _camera(chosen)
+        sequence = _sequence(arguments, chosen, where[2], interrupts)
+        plans = []
+        for frame in chosen.frames:
+            interrupts.check()
+            read = read_plan(*where, frame, camera, arguments.size)
+            warnings = filter(None, [chosen.outside([frame])])
+            plans.append(described_plan(*read, sequence or (), warnings))
     if arguments.json:
-        print(json.dumps(plan, indent=1, ensure_ascii=False), file=out)
+        told = plans if arguments.frames else plans[0]
+        print(json.dumps(told, indent=1, ensure_ascii=False), file=out)
         return OK
-    for layer in plan["layers"]:
-        print(f"{layer['name']}: {' > '.join(layer['steps'])}", file=out)
-    for entry in plan["left_out"]:
-        print(f"left out: {entry['what']}: {entry['reason']}", file=out)
-    for warning in plan["warnings"]:
-        print(f"warning: {warning}", file=out)
+    for plan in plans:
+        if arguments.frames:
+            print(f"frame {plan['frame']}", file=out)
+        for line in plan_lines(plan):
+            print(line, file=out)
     return OK
+
+
+def _sequence(arguments: argparse.Namespace, chosen, options_of, interrupts: Interrupts):
+    """The layers that every file has, or None where each frame's own do."""
+    from ..addon.sequence import sequence_layers
+
+    progress = Progress(sys.stderr, f"scene {chosen.scene.name}", getattr(arguments, "quiet", False))
+
+    def show(share: float, stage: str) -> None:
+        interrupts.check()
+        progress.show(share, stage)
+
+    try:
+        return sequence_layers(
+            chosen.scene,
+            chosen.view_layer,
+            options_of,
+            chosen.frames,
+            _camera(chosen),
+            arguments.size,
+            show,
+        )
+    finally:
+        progress.clear()
 
 
 def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
@@ -185,10 +213,14 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
         arguments.exr = exr_of(chosen.scene, **exr_values(arguments))
         check_codec(arguments.exr)
         given["composite"] = arguments.exr.composite or None
+        asked = partial(options_of, **given)
+        if (outside := chosen.outside(chosen.frames)) and not arguments.quiet:
+            print(f"strata: {outside}", file=sys.stderr, flush=True)
+        sequence = _sequence(arguments, chosen, asked, interrupts) or ()
         failed = []
         for frame in chosen.frames:
             try:
-                _bake_frame(arguments, chosen, frame, partial(options_of, **given), out, interrupts)
+                _bake_frame(arguments, chosen, frame, asked, sequence, out, interrupts)
             except (KeyboardInterrupt, Cancelled, BrokenPipeError):
                 raise
             except BaseException as error:
@@ -212,15 +244,22 @@ def _check_targets(arguments: argparse.Namespace, frames: tuple[int, ...]) -> No
 
 
 def _bake_frame(
-    arguments: argparse.Namespace, chosen, frame: int, options_of, out: TextIO, interrupts: Interrupts
+    arguments: argparse.Namespace,
+    chosen,
+    frame: int,
+    options_of,
+    sequence,
+    out: TextIO,
+    interrupts: Interrupts,
 ) -> None:
     from ..addon.bake import read_job
     from ..addon.job import run_to_end
     from ..addon.measure.report import format_table
     from .planning import nothing_to_bake
 
-    job = read_job(chosen.scene, chosen.view_layer, options_of, frame, _camera(chosen), arguments.size)
-    if reason := nothing_to_bake(job.graph):
+    where = chosen.scene, chosen.view_layer, options_of, frame, _camera(chosen), arguments.size
+    job = read_job(*where, sequence=sequence, warnings=[*filter(None, [chosen.outside([frame])])])
+    if reason := nothing_to_bake(job.graph, sequence):
         if not arguments.quiet:
             print(f"strata: frame {frame}: {reason}", file=sys.stderr)
         return
@@ -235,7 +274,7 @@ def _bake_frame(
         baked = run_to_end(job, lambda baked: _write(arguments, frame, baked), show)
     finally:
         progress.clear()
-    if reason := nothing_to_bake(job.graph):  # a closer look may leave out what boxes could not
+    if reason := nothing_to_bake(job.graph, sequence):  # a closer look may leave out what boxes could not
         if not arguments.quiet:
             print(f"strata: frame {frame}: {reason}", file=sys.stderr)
         return

@@ -2,28 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
 from typing import Any
 
 from ..addon.bake import Options, plan_scene
 from ..addon.core.graph import Graph
 from ..addon.core.outline import Outline
+from ..addon.core.sequence import SequenceLayer, with_neutral
 
 
-def read_plan(scene, view_layer, options: Options, camera=None, size=None) -> tuple[Outline, Graph]:
-    """Scans the scene as F12 would see it and plans; extracts nothing. Only on the main thread."""
+def read_plan(
+    scene,
+    view_layer,
+    options_of: Callable[[Any], Options],
+    frame: int | None = None,
+    camera=None,
+    size=None,
+) -> tuple[Outline, Graph]:
+    """Scans the scene as F12 would see it and plans; extracts nothing. As `read_job`, only on the main
+    thread."""
     from ..addon.scene.render_depsgraph import with_render_depsgraph
     from ..addon.scene.scan import ScanOptions, scan
 
     how = ScanOptions(size, camera.name if camera else None)
-    outline = with_render_depsgraph(
-        scene, view_layer, lambda depsgraph: scan(depsgraph, how).outline, camera=camera
-    )
+
+    def look(depsgraph) -> tuple[Outline, Options]:
+        return scan(depsgraph, how).outline, options_of(depsgraph.scene_eval)
+
+    outline, options = with_render_depsgraph(scene, view_layer, look, frame, camera)
     return outline, plan_scene(outline, options)
 
 
-def described_plan(outline: Outline, graph: Graph) -> dict[str, Any]:
-    """A plan as plain values; a layer's steps in the order they run, each name once."""
+def described_plan(
+    outline: Outline, graph: Graph, sequence: Iterable[SequenceLayer] = (), warnings: Iterable[str] = ()
+) -> dict[str, Any]:
+    """A plan as plain values; a layer's steps in the order they run, each name once. `sequence`: layers that
+    the frame's file has besides, with their neutral value."""
+    graph, missing = with_neutral(graph, sequence, outline)
     layers = [
         {
             "name": layer.name,
@@ -34,6 +50,17 @@ def described_plan(outline: Outline, graph: Graph) -> dict[str, Any]:
         }
         for layer in graph.layers
     ]
+    layers += (
+        {
+            "name": layer.name,
+            "effect": layer.effect,
+            "light": layer.light,
+            "channels": layer.kind.channels,
+            "steps": [],
+            "neutral": True,
+        }
+        for layer in missing
+    )
     return {
         "scene": outline.scene_name,
         "view_layer": outline.view_layer_name,
@@ -45,13 +72,25 @@ def described_plan(outline: Outline, graph: Graph) -> dict[str, Any]:
         "instances_read": len(graph.instances),
         "instances": len(outline.instances),
         "left_out": [asdict(entry) for entry in graph.left_out],
-        "warnings": list(outline.warnings),
+        "warnings": [*warnings, *outline.warnings],
     }
 
 
-def nothing_to_bake(graph: Graph) -> str | None:
-    """Why there is nothing to bake, in one line; None if there is something."""
-    if graph.layers:
+def plan_lines(plan: dict[str, Any]) -> Iterator[str]:
+    """A described plan for a person."""
+    for layer in plan["layers"]:
+        if layer["steps"]:
+            yield f"{layer['name']}: {' > '.join(layer['steps'])}"
+    for entry in plan["left_out"]:
+        yield f"left out: {entry['what']}: {entry['reason']}"
+    for warning in plan["warnings"]:
+        yield f"warning: {warning}"
+
+
+def nothing_to_bake(graph: Graph, sequence: Iterable[SequenceLayer] = ()) -> str | None:
+    """Why there is nothing to bake, in one line; None if there is something, or the frame's file has layers
+    that other frames need."""
+    if graph.layers or sequence:
         return None
     reasons = "; ".join(f"{entry.what}: {entry.reason}" for entry in graph.left_out)
     return f"nothing to bake, no file written ({reasons or 'no effect is switched on'})"

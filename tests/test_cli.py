@@ -35,13 +35,24 @@ def strata(*words, check: int = 0) -> subprocess.CompletedProcess:
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [("5", (5,)), ("1-4", (1, 2, 3, 4)), ("7,1-2,2", (7, 1, 2)), ("-3--1", (-3, -2, -1)), ("-2", (-2,))],
+    [
+        ("5", (5,)),
+        ("1-4", (1, 2, 3, 4)),
+        ("7,1-2,2", (7, 1, 2)),
+        ("-3--1", (-3, -2, -1)),
+        ("-2", (-2,)),
+        ("1-7x3", (1, 4, 7)),
+        ("-4-1x2,0", (-4, -2, 0)),
+        ("-4--1x2", (-4, -2)),
+    ],
 )
 def test_frames(text, expected):
     assert frames(text) == expected
 
 
-@pytest.mark.parametrize("text", ["", "1-", "a", "3-1", "1..4", "1,,2", "0-999999", "99999999"])
+@pytest.mark.parametrize(
+    "text", ["", "1-", "a", "3-1", "1..4", "1,,2", "0-999999", "99999999", "1-4x0", "3x2", "1-4x"]
+)
 def test_bad_frames(text):
     with pytest.raises(ArgumentTypeError):
         frames(text)

@@ -60,7 +60,7 @@ def scene():
     plane("Roof", 1, 1)
     scene.render.resolution_x = scene.render.resolution_y = 16
     scene.strata.backend, scene.strata.samples, scene.strata.probes = "cpu", 1, 0
-    scene.strata.volumetric_light.enabled, scene.strata.soft_shadow.resolution = False, 64
+    scene.strata.volumetric_light.enabled, scene.strata.soft_shadow.resolution = False, 128
     return scene
 
 

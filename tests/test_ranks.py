@@ -19,6 +19,7 @@ RANKS = {
     "addon/layers": 2,
     "addon/bake.py": 3,
     "addon/job.py": 3,
+    "addon/sequence.py": 4,
     "addon/ui": 4,
     "addon/preview": 4,
     "addon/engine": 4,

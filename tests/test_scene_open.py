@@ -43,11 +43,7 @@ def test_defaults(two_scenes):
         ({"view_layer": "Nope"}, "no view layer 'Nope'"),
         ({"camera": "Nope"}, "no camera 'Nope'"),
         ({"camera": "Cube"}, "'Cube' is not a camera"),
-        ({"scene": "Blind"}, "has no camera"),
-        ({"frames": [6, 10]}, "frame 10 is outside"),
-        ({"frames": [4]}, "frame 4 is outside"),
-        ({"frames": [2**40]}, "is outside"),
-        ({"frames": []}, "no frame"),
+        ({"scene": "Blind"}, "has no camera; --scene: 'Scene', 'Second' have one"),
     ],
 )
 def test_refusals(two_scenes, asked, message):
@@ -102,3 +98,12 @@ def test_opening_is_silent_and_runs_no_scripts(two_scenes, tmp_path, capfd):
     open_blend(two_scenes)
     os.write(1, b"back\n")
     assert capfd.readouterr().out == "back\n"
+
+
+def test_frames_outside_the_range_are_told(two_scenes):
+    open_blend(two_scenes)
+    chosen = choose(frames=[6, 10])
+    assert chosen.frames == (6, 10)
+    assert chosen.outside([6]) is None
+    assert "frame 10 is outside scene 'Second', which runs from 5 to 9" in chosen.outside(chosen.frames)
+    assert "2 frames from 4 are outside" in chosen.outside([4, 7, 10])

@@ -77,6 +77,11 @@ class LayerKind:
     doc: str = ""
 
 
+def not_ruled_out(kind: LayerKind, light: Any, params: Any, has_media: bool) -> bool:
+    """Of an effect whose layers any frame may need."""
+    return False
+
+
 @dataclass(frozen=True)
 class Effect:
     """`id` is the folder's name. `run(recorder, outline, params)` records steps; `needed(outline)` gives the
@@ -84,7 +89,12 @@ class Effect:
     build on: each as `record(recorder, outline, params, light_index)`; `shaders()` yields every GPU program
     that its steps may compile; `presets` are values by name, over the defaults; `object_params` are what an
     object or a material may have of its own. Not `on_by_default`: a style, which would cover the picture of a
-    scene that never asked for it."""
+    scene that never asked for it.
+
+    `ruled_out(kind, light, params, has_media)`: whether no frame can need a layer of that kind as long as the
+    lamp and the parameters are these, whatever moves; either is None where it may change, and a light's place
+    and size do not count. `has_media`: some material or the world has a volume.
+    """
 
     id: str
     title: str
@@ -98,4 +108,5 @@ class Effect:
     shaders: Callable[[], Iterable[Shader]] = no_shaders
     object_params: type[Params] | None = None
     on_by_default: bool = True
+    ruled_out: Callable[[LayerKind, Any, Any, bool], bool] = not_ruled_out
     presets: dict[str, dict[str, Any]] = field(default_factory=dict, hash=False, compare=False)

@@ -15,6 +15,7 @@ import numpy as np
 from ..core.graph import Graph
 from ..core.memory import MemoryEstimate
 from ..core.outline import Outline
+from ..core.sequence import SequenceLayer
 from ..core.version import VERSION
 from .table import columns, heading, wrapped
 
@@ -86,7 +87,8 @@ def error_of(entry: Mapping[str, Any] | None) -> LayerError | NotMeasured | None
 @dataclass(frozen=True)
 class LayerReport:
     """One layer. `seconds` are its own steps', `seconds_alone` what baking only it would have cost;
-    `antialiasing`: RMS standard error of its pixels (core/metrics.py), None for one sample a pixel."""
+    `antialiasing`: RMS standard error of its pixels (core/metrics.py), None for one sample a pixel;
+    `neutral`: the frame does not need it, but others of the sequence do."""
 
     name: str
     effect: str
@@ -96,6 +98,7 @@ class LayerReport:
     non_finite: int
     error: LayerError | NotMeasured | None
     antialiasing: float | None = None
+    neutral: bool = False
 
     def to_json(self) -> dict[str, Any]:
         plain = {key: rounded(item) if isinstance(item, float) else item for key, item in vars(self).items()}
@@ -105,6 +108,8 @@ class LayerReport:
             plain["error"] = self.error.to_json()
         if self.antialiasing is None:
             del plain["antialiasing"]
+        if not self.neutral:
+            del plain["neutral"]
         return plain
 
 
@@ -168,9 +173,11 @@ def report_of(
     warnings: Sequence[str],
     antialiasing: Mapping[str, float | None] | None = None,
     memory: MemoryEstimate | None = None,
+    neutral: Iterable[SequenceLayer] = (),
 ) -> Report:
     """Puts a bake's figures together. By layer name: `images`, `costs` (seconds, seconds alone), `errors` of
-    the layers that were to be measured, and `antialiasing` (Execution.antialiasing)."""
+    the layers that were to be measured, and `antialiasing` (Execution.antialiasing). `neutral` are layers
+    that the sequence has and the graph does not make."""
     layers = [
         LayerReport(
             layer.name,
@@ -184,6 +191,7 @@ def report_of(
         for layer in graph.layers
         if layer.effect
     ]
+    layers += (LayerReport(n.name, n.effect, n.light, 0.0, 0.0, 0, None, neutral=True) for n in neutral)
     bpy = sys.modules.get("bpy")  # the Blender that this runs in, if it does; nothing here needs one
     return Report(
         strata=VERSION,
@@ -264,7 +272,7 @@ def _layer_rows(report: Report) -> list[list[str]]:
     for layer in report.layers:
         row = [layer.name, f"{layer.seconds:.2f}"]
         if not isinstance(layer.error, LayerError):
-            row += ["not measured", "", "", "", ""]
+            row += ["neutral" if layer.neutral else "not measured", "", "", "", ""]
         else:
             error = layer.error
             low, high = error.ci95

@@ -6,12 +6,22 @@ from collections.abc import Iterable
 
 import bpy
 
+# Modifiers that follow their inputs and nothing else.
+_STILL = (
+    "ARMATURE ARRAY BEVEL BOOLEAN CAST COLLISION CORRECTIVE_SMOOTH CURVE DATA_TRANSFER DECIMATE "
+    "DISPLACE EDGE_SPLIT HOOK LAPLACIANDEFORM LAPLACIANSMOOTH LATTICE MASK MESH_DEFORM MIRROR "
+    "MULTIRES NORMAL_EDIT REMESH SCREW SHRINKWRAP SIMPLE_DEFORM SKIN SMOOTH SOLIDIFY SUBSURF "
+    "SURFACE_DEFORM TRIANGULATE UV_PROJECT UV_WARP VERTEX_WEIGHT_EDIT VERTEX_WEIGHT_MIX "
+    "VERTEX_WEIGHT_PROXIMITY WARP WEIGHTED_NORMAL WELD WIREFRAME "
+)
+_STILL_MODIFIERS = frozenset(_STILL.split())
+# Nodes whose result depends on the frame, by parts of their names: also what is cached or read from files.
+_TIME_NODES = ("SceneTime", "Simulation", "Bake", "Import", "ImageInfo", "ImageTexture", "MovieClip")
+
 
 def is_animated(data: bpy.types.ID | None) -> bool:
     """Whether keyframes, drivers or NLA tracks may move a property of it or of its own node tree."""
-    if data is None:
-        return False
-    animation = data.animation_data
+    animation = getattr(data, "animation_data", None)
     if animation is not None and (animation.action or animation.nla_tracks or animation.drivers):
         return True
     tree = getattr(data, "node_tree", None)
@@ -21,3 +31,88 @@ def is_animated(data: bpy.types.ID | None) -> bool:
 def is_surely_hidden(path: Iterable[bpy.types.Object]) -> bool:
     """Whether an object, or one that shows it, is switched off for renders in every frame."""
     return any(thing.hide_render and not is_animated(thing) for thing in path)
+
+
+def settings_may_change(scene: bpy.types.Scene) -> bool:
+    """Whether Strata's own may."""
+    animation = scene.animation_data
+    if animation is None:
+        return False
+    curves = list(animation.drivers)
+    if animation.action is not None:
+        curves += (
+            curve
+            for layer in animation.action.layers
+            for strip in layer.strips
+            for bag in strip.channelbags
+            for curve in bag.fcurves
+        )
+    return bool(animation.nla_tracks) or any(curve.data_path.startswith("strata") for curve in curves)
+
+
+def may_change(scene: bpy.types.Scene) -> bool:
+    """Whether two frames may differ in anything that a bake reads."""
+    handlers = bpy.app.handlers
+    return bool(
+        any(marker.camera for marker in scene.timeline_markers)
+        or handlers.frame_change_pre
+        or handlers.frame_change_post
+        or bpy.data.cache_files
+        or bpy.data.movieclips
+        or (scene.rigidbody_world is not None and scene.rigidbody_world.enabled)
+        or any(map(is_animated, bpy.data.all_ids))
+        or any(image.source in ("SEQUENCE", "MOVIE") for image in bpy.data.images)
+        or any(_changes_shape(thing) for thing in bpy.data.objects)
+    )
+
+
+def _changes_shape(thing: bpy.types.Object) -> bool:
+    if len(thing.particle_systems):
+        return True
+    return any(
+        has_nodes(modifier.node_group, _TIME_NODES)
+        if modifier.type == "NODES"
+        else modifier.type not in _STILL_MODIFIERS
+        for modifier in thing.modifiers
+    )
+
+
+def has_nodes(tree: bpy.types.NodeTree | None, words: tuple[str, ...]) -> bool:
+    """Whether a node whose type has one of `words` in its name is in a tree or in a group of it."""
+    trees = [] if tree is None else [tree]
+    for tree in trees:
+        for node in tree.nodes:
+            if any(word in node.bl_idname for word in words):
+                return True
+            group = getattr(node, "node_tree", None)
+            if group is not None and group not in trees:
+                trees.append(group)
+    return False
+
+
+def may_make_lamps() -> bool:
+    """Whether lamps may appear that only an evaluated frame shows: of geometry nodes, particles, faces."""
+    for thing in bpy.data.objects:
+        if thing.instance_type in ("VERTS", "FACES"):
+            return True
+        if any(system.settings.render_type in ("OBJECT", "COLLECTION") for system in thing.particle_systems):
+            return True
+        if any(
+            modifier.type == "NODES" and has_nodes(modifier.node_group, ("ObjectInfo", "CollectionInfo"))
+            for modifier in thing.modifiers
+        ):
+            return True
+    return False
+
+
+def may_have_media() -> bool:
+    """Whether some frame may have a volume: links of nodes do not change."""
+    return any(
+        socket.is_linked
+        for owner in (*bpy.data.materials, *bpy.data.worlds)
+        if owner.node_tree is not None
+        for node in owner.node_tree.nodes
+        if "Output" in node.bl_idname
+        for socket in node.inputs
+        if socket.name == "Volume"
+    )

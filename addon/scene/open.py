@@ -26,6 +26,17 @@ class Chosen:
     camera: str | None
     frames: tuple[int, ...]
 
+    def outside(self, frames: Iterable[int]) -> str | None:
+        """What is to be said of frames outside the scene's range, which are baked all the same."""
+        start, end = self.scene.frame_start, self.scene.frame_end
+        outside = [frame for frame in frames if not start <= frame <= end]
+        if not outside:
+            return None
+        which = (
+            f"frame {outside[0]} is" if len(outside) == 1 else f"{len(outside)} frames from {outside[0]} are"
+        )
+        return f"{which} outside scene '{self.scene.name}', which runs from {start} to {end}"
+
 
 def open_blend(path: str | os.PathLike) -> None:
     """Opens a file without running its scripts. Raises StrataError for what cannot be read; what was open
@@ -53,8 +64,8 @@ def choose(
     frames: Iterable[int] | None = None,
 ) -> Chosen:
     """Looks names up in the open file. Without them: the active scene, its first view layer that renders, the
-    scene's camera and current frame. Raises StrataError for a name that is not there, a scene without a
-    camera, and frames outside the scene's range."""
+    scene's camera and current frame. Raises StrataError for a name that is not there and a scene without a
+    camera."""
     found = bpy.context.scene if scene is None else _named(bpy.data.scenes, scene, "scene", "file")
     if view_layer is None:
         layer = next((layer for layer in found.view_layers if layer.use), found.view_layers[0])
@@ -65,16 +76,15 @@ def choose(
         if shown.type != "CAMERA":
             raise StrataError(f"'{camera}' is not a camera")
     elif found.camera is None and not any(marker.camera for marker in found.timeline_markers):
-        raise StrataError(f"scene '{found.name}' has no camera")
-    if frames is None:
-        return Chosen(found, layer, camera, (found.frame_current,))
-    frames = tuple(frames)
-    start, end = found.frame_start, found.frame_end
-    outside = [frame for frame in frames if not start <= frame <= end]
-    if not frames or outside:
-        asked = f"frame {outside[0]} is outside" if outside else "no frame is inside"
-        raise StrataError(f"{asked} scene '{found.name}', which runs from {start} to {end}")
-    return Chosen(found, layer, camera, frames)
+        raise StrataError(f"scene '{found.name}' has no camera{_with_camera()}")
+    return Chosen(found, layer, camera, tuple(frames or (found.frame_current,)))
+
+
+def _with_camera() -> str:
+    """Which scenes of the file have one."""
+    names = [s.name for s in bpy.data.scenes if s.camera or any(m.camera for m in s.timeline_markers)]
+    shown = ", ".join(f"'{name}'" for name in names)
+    return f"; --scene: {shown} {'has' if len(names) == 1 else 'have'} one" if names else ""
 
 
 def _named(collection, name: str, what: str, where: str):

@@ -67,12 +67,25 @@ def with_render_depsgraph[Result](
     frame: int | None = None,
     camera: bpy.types.Object | None = None,
 ) -> Result:
-    """Calls `look(depsgraph)` with the scene evaluated for rendering, and returns what it returns.
+    """Calls `look(depsgraph)` with the scene evaluated for rendering at the frame (None: the scene's own),
+    and returns what it returns.
 
     Nothing taken from the depsgraph outlives the call: copy arrays inside `look`. What it raises is raised
     here. The scene's settings, frame and camera, and the last render, stay as they were; handlers that other
     add-ons hang on renders do run.
     """
+    return with_render_frames(scene, view_layer, lambda depsgraph, _: look(depsgraph), frame, camera)
+
+
+def with_render_frames[Result](
+    scene: bpy.types.Scene,
+    view_layer: bpy.types.ViewLayer,
+    look: Callable[[bpy.types.Depsgraph, Callable[[int], None]], Result],
+    frame: int | None = None,
+    camera: bpy.types.Object | None = None,
+) -> Result:
+    """`with_render_depsgraph` for many frames: `look(depsgraph, go_to)` may call `go_to(frame)`, which
+    evaluates anew only what changes."""
     global _replaced_engine
     outcome: list[Result] = []
     failures: list[BaseException] = []
@@ -85,10 +98,17 @@ def with_render_depsgraph[Result](
             if outcome or failures:
                 return
             try:
-                outcome.append(look(depsgraph))
+                if depsgraph.scene_eval.frame_current != frame:
+                    raise StrataError(
+                        f"scene '{scene.name}': Blender rendered frame {depsgraph.scene_eval.frame_current} "
+                        f"where {frame} was asked for"
+                    )
+                outcome.append(look(depsgraph, lambda number: self.frame_set(number, 0.0)))
             except BaseException as failure:  # Blender would print it and go on
                 failures.append(failure)
 
+    subframe = scene.frame_subframe if frame is None else 0.0
+    frame = scene.frame_current if frame is None else frame
     # A marker that binds a camera switches the scene to it on every frame change.
     markers = [m for m in scene.timeline_markers if m.camera is not None] if camera is not None else []
     if camera is None and scene.camera is None and not any(m.camera for m in scene.timeline_markers):
@@ -101,9 +121,7 @@ def with_render_depsgraph[Result](
         with contextlib.ExitStack() as stack:
             stack.enter_context(_spare_render_slot())
             stack.enter_context(_replaced(scene, camera=camera or scene.camera))
-            stack.enter_context(
-                _replaced(scene, frame_current=scene.frame_current if frame is None else frame)
-            )
+            stack.enter_context(_replaced(scene, frame_current=frame, frame_subframe=subframe))
             # Nothing that works on the finished image.
             quiet = ("use_compositing", "use_sequencer", "use_freestyle")
             stack.enter_context(_replaced(scene.render, engine=_ENGINE_ID, **dict.fromkeys(quiet, False)))
@@ -115,7 +133,9 @@ def with_render_depsgraph[Result](
             # Blender itself draws grease pencil after the engine, which would start the GPU.
             stack.enter_context(_replaced(view_layer, use_grease_pencil=False))
             try:
-                bpy.ops.render.render(scene=scene.name)
+                # Without it Blender renders the scene at the frame of the one in the window.
+                with bpy.context.temp_override(scene=scene):
+                    bpy.ops.render.render(scene=scene.name)
             except RuntimeError as error:
                 if not (outcome or failures):
                     reason = str(error).strip().splitlines()[-1].removeprefix("Error: ")

@@ -4,7 +4,7 @@ from ...core.effect import Blend, Effect, LayerKind, Metric
 from .gpu_steps import variants
 from .params import Method, SoftShadowParams
 from .reference import evaluate
-from .run import needed, run, visibility
+from .run import needed, ruled_out, run, visibility
 
 EFFECT = Effect(
     id="soft_shadow",
@@ -22,6 +22,7 @@ EFFECT = Effect(
         ),
     ),
     needed=needed,
+    ruled_out=ruled_out,
     run=run,
     doc="Shadows of lights with a size, by projecting the texels of a layered depth map back onto the light",
     sources={"visibility": visibility},

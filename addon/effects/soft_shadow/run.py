@@ -29,6 +29,11 @@ def needed(outline: Outline) -> str | None:
     return None
 
 
+def ruled_out(kind, light: Light | None, params: SoftShadowParams | None, has_media: bool) -> bool:
+    """Whether no frame needs the light's shadow, whatever moves."""
+    return light is not None and (light.is_dark or not light.casts_shadow)
+
+
 def run(recorder: Recorder, outline: Outline, params: SoftShadowParams) -> None:
     """One layer for each light whose shadow falls in view."""
     from . import EFFECT

@@ -6,7 +6,7 @@ from ...core.effect import Blend, Effect, LayerKind, Metric
 from .gpu_steps import variants
 from .params import ToonObjectParams, ToonParams
 from .reference import halftone, outline_ink, toon
-from .run import needed, run
+from .run import needed, ruled_out, run
 
 TOON = LayerKind(
     title="Toon",
@@ -43,6 +43,7 @@ EFFECT = Effect(
     layers=(TOON, HALFTONE, OUTLINE),
     on_by_default=False,
     needed=needed,
+    ruled_out=ruled_out,
     shaders=variants,
     run=run,
     presets={

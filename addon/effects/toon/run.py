@@ -22,6 +22,16 @@ def needed(outline: Outline) -> str | None:
     return None if outline.instances else "the scene has no surfaces"
 
 
+def ruled_out(kind, light, params: ToonParams | None, has_media: bool) -> bool:
+    """Whether the dots or the lines are switched off."""
+    from . import HALFTONE, OUTLINE
+
+    if params is None:
+        return False
+    no_dots = not params.halftone or _no_dots(params) is not None
+    return (kind is HALFTONE and no_dots) or (kind is OUTLINE and not params.outline)
+
+
 def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
     """The toon image, then dots and lines over it."""
     from . import HALFTONE, OUTLINE, TOON

@@ -4,7 +4,7 @@ from ...core.effect import Blend, Effect, LayerKind, Metric
 from .gpu_steps import variants
 from .params import VolumetricLightParams
 from .reference import scattered, transmitted
-from .run import needed, run
+from .run import needed, ruled_out, run
 
 EFFECT = Effect(
     id="volumetric_light",
@@ -32,6 +32,7 @@ EFFECT = Effect(
         ),
     ),
     needed=needed,
+    ruled_out=ruled_out,
     run=run,
     doc="Shafts of light and fog, from the lit stretches of each view ray and the integral along them",
     source="GPU Zen, II.2, participating media by extruded light volumes; walked here instead of extruded",

@@ -17,6 +17,13 @@ class Fill:
     instances: frozenset[int] | None = None
 
 
+def surely_none(params: VolumetricLightParams, has_media: bool) -> bool:
+    """Whether there is no medium in any frame; `has_media`: some material or the world has a volume."""
+    if params.use_scene_medium:
+        return not has_media
+    return Medium(tuple(params.scattering_per_m), tuple(params.absorption_per_m), params.anisotropy).is_empty
+
+
 def fill_of(outline: Outline, params: VolumetricLightParams) -> tuple[Fill | None, list[tuple[str, str]]]:
     """The medium, None where there is none, and what was left out for it, and why."""
     if not params.use_scene_medium:

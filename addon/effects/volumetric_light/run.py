@@ -22,7 +22,7 @@ from ...core.view import Vector
 from ..shared import steps as shared
 from ..shared.light_views import NamedView, distant_view, point_views
 from . import steps
-from .media import Fill, fill_of
+from .media import Fill, fill_of, surely_none
 from .params import Method, VolumetricLightParams
 from .sources import Source, SourceKind, sources_of
 
@@ -39,6 +39,12 @@ def needed(outline: Outline) -> str | None:
     if not outline.instances and not outline.lights:
         return "the scene is empty"
     return None
+
+
+def ruled_out(kind, light: Light | None, params: VolumetricLightParams | None, has_media: bool) -> bool:
+    """Whether no frame has the layer, whatever moves."""
+    no_medium = params is not None and surely_none(params, has_media)
+    return no_medium or (kind.per_light and light is not None and light.is_dark)
 
 
 def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> None:
