@@ -2,7 +2,7 @@
 nothing is in float32. The caller averages 64 of them over a pixel.
 
 Written apart from the kernels: from the scene's lights, ramps and parameters as they are declared. Shadows
-are traced. The outline is the hull's triangles, met one by one; that the hull is right is shown by tests.
+are traced. The outline is the hull's triangles, met by rays (hull_rays.py); tests show that hulls are right.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from ...core.surface import SurfacePoints
 from ...core.view_rays import ViewRays
 from ..shared import lit
 from ..soft_shadow.reference import evaluate as shadow_of
+from .hull_rays import HullRays
 from .looks import excluded_instances, own_of
 from .params import NO_FADE, Anchor, Light, Mix, Normals, ShadowEdge, ToonParams
 
@@ -254,45 +255,23 @@ def outline_ink(
     """(1, N, 4) premultiplied: the nearest triangle of the hull before the surface. Inner lines are made by
     pixels, so where they are switched on this is not their truth."""
     hull = rays.value(_hull_node(layer))
-    view = outline.view
+    view, size = outline.view, outline.computed_size
+    if (view, size) not in hull.memo:
+        hull.memo[view, size] = HullRays(hull.triangles, view, size)
+    hull_rays = hull.memo[view, size]
     result = np.zeros((len(seen), 4))
     nearest = seen.distances * (seen.directions @ np.array(view.forward))  # depth of the surface
-    left, right, bottom, top = view.window
-    width, height = outline.computed_size
-    steps = np.array([(right - left) / width, (top - bottom) / height])
-    window = np.array([left, bottom]) + (seen.pixels + 0.5 + seen.jitter) * steps
-    triangles, owners, lows, highs = _on_screen(hull, view)
-    pixels = seen.pixels[:, 1].astype(np.int64) * width + seen.pixels[:, 0]
+    places = seen.pixels + 0.5 + seen.jitter
+    pixels = seen.pixels[:, 1].astype(np.int64) * size[0] + seen.pixels[:, 0]
     for pixel in np.unique(pixels):
         here = np.flatnonzero(pixels == pixel)
-        low, high = window[here].min(axis=0), window[here].max(axis=0)
-        chosen = np.flatnonzero(((lows <= high) & (highs >= low)).all(axis=1))
-        depths, which = _depths(triangles[chosen], window[here], view)
+        depths, owners = hull_rays.first(places[here])
         inked = depths < nearest[here]
-        for row, owner in zip(here[inked], owners[chosen[which[inked]]], strict=True):
+        for row, owner in zip(here[inked], owners[inked], strict=True):
             own = own_of(outline.instances[owner])
             colour = own.outline_color if own.use_outline_color else layer.params.outline_color
             result[row] = (*colour, 1.0)
     return result[None]
-
-
-def _on_screen(hull, view):
-    """The hull's triangles (T, 3, 3) float64 in view axes, their instances (T,), and boxes around them on the
-    window, lows and highs (T, 2): infinite where a triangle reaches the eye's plane. Kept with the hull."""
-    if view not in hull.memo:
-        corners = np.concatenate([np.zeros((0, 3), np.float32), *hull.triangles.values()])
-        triangles = (
-            corners.reshape(-1, 3, 3).astype(np.float64) @ np.array([view.right, view.up, view.forward]).T
-        )
-        owners = np.repeat(list(hull.triangles), [len(each) // 3 for each in hull.triangles.values()])
-        depth = np.ones_like(triangles[..., 2]) if view.orthographic else triangles[..., 2]
-        cut = depth.min(axis=1) <= 1e-9
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at = triangles[..., :2] / depth[..., None]
-        lows, highs = at.min(axis=1), at.max(axis=1)
-        lows[cut], highs[cut] = -np.inf, np.inf
-        hull.memo[view] = triangles, owners.astype(np.int64), lows, highs
-    return hull.memo[view]
 
 
 def _hull_node(layer: PlannedLayer):
@@ -303,31 +282,3 @@ def _hull_node(layer: PlannedLayer):
             return node
         stack += node.inputs
     raise LookupError("the outline has no hull")
-
-
-def _depths(points: np.ndarray, window: np.ndarray, view) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) depth of the nearest triangle (T, 3, 3) along each line of sight, infinite for none, and which it
-    is (Möller, Trumbore)."""
-    if not len(points):
-        return np.full(len(window), np.inf), np.zeros(len(window), int)
-    flat = np.zeros((len(window), 1))
-    if view.orthographic:
-        origins, directions = (
-            np.concatenate([window, flat], axis=1),
-            np.concatenate([0 * window, flat + 1], axis=1),
-        )
-    else:
-        origins, directions = np.zeros((len(window), 3)), np.concatenate([window, flat + 1.0], axis=1)
-    first, second = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
-    across = np.cross(directions[:, None], second)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = 1.0 / np.einsum("ti,nti->nt", first, across)
-        offset = origins[:, None] - points[None, :, 0]
-        u = np.einsum("nti,nti->nt", offset, across) * inverse
-        normal = np.cross(offset, first)
-        v = np.einsum("ni,nti->nt", directions, normal) * inverse
-        depth = np.einsum("ti,nti->nt", second, normal) * inverse
-        hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (depth >= view.near) & (depth <= view.far)
-    depth = np.where(hit, depth, np.inf)
-    which = depth.argmin(axis=1)
-    return np.take_along_axis(depth, which[:, None], axis=1)[:, 0], which
