@@ -62,7 +62,8 @@ class Execution:
         """One sample of some rows."""
         self.images[layer.name][rows] += tile
         if layer.name in self.squares:
-            self.squares[layer.name][rows] += tile * tile
+            with np.errstate(over="ignore"):  # squares of what is just finite; `finish` holds them
+                self.squares[layer.name][rows] += tile * tile
 
     def finish(self, layer: PlannedLayer, samples: int) -> None:
         """All samples are there: sums become means. Squares are as large as the image; of them one number
@@ -75,7 +76,9 @@ class Execution:
         if spread is not None:
             spread /= np.float32(samples)
             for mean, square in zip(image, spread, strict=True):  # row by row, which takes no memory
-                np.maximum(square - mean * mean, 0.0, out=square)
+                with np.errstate(over="ignore", invalid="ignore"):
+                    np.fmax(square - mean * mean, 0.0, out=square)
+                np.fmin(square, np.finfo(np.float32).max, out=square)
             self.antialiasing[layer.name] = antialiasing_error(spread, samples)
 
     def add_time(self, node: Node, device: str, seconds: float, runs: int = 1) -> None:

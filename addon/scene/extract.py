@@ -71,14 +71,19 @@ def _textured_meshes(outline: Outline, wants: Collection[str]) -> frozenset[int]
     return frozenset(i.mesh for i in outline.instances if not sampling.isdisjoint(i.materials))
 
 
+def _sums_up(values: np.ndarray) -> bool:
+    """One pass over the numbers; only a suspicious sum is to be looked at closer."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.isfinite(np.dot(values.ravel(), values.ravel())))
+
+
 def _mesh_arrays(
     mesh: bpy.types.Mesh, want_normals: bool, want_uv: bool, owner: str, warnings: list[str]
 ) -> MeshArrays:
     """Corners are read by `attributes[...]`: `loops` goes element by element, a hundred times as long."""
     corner_count = len(mesh.loops)
     positions = _read(mesh.attributes["position"].data, "vector", np.float32, len(mesh.vertices), 3)
-    # One pass over the numbers; only a suspicious sum is looked at closer.
-    if not np.isfinite(np.dot(positions.ravel(), positions.ravel())):
+    if not _sums_up(positions):
         bad = ~np.isfinite(positions).all(axis=1)
         if bad.all():
             warnings.append(f"object '{owner}' is left out: none of its vertices is finite")
@@ -97,7 +102,7 @@ def _mesh_arrays(
             warnings.append(f"object '{owner}': it has no UV map, its textures are read at one point")
         else:
             uvs = _read(layer.uv, "vector", np.float32, corner_count, 2)
-            if not np.isfinite(np.dot(uvs.ravel(), uvs.ravel())):
+            if not _sums_up(uvs):
                 warnings.append(f"object '{owner}': some texture coordinates are not finite, they count as 0")
                 np.nan_to_num(uvs, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
     slots = mesh.attributes.get("material_index")
@@ -128,7 +133,7 @@ def _face_starts(mesh: bpy.types.Mesh) -> np.ndarray:
 def _corner_normals(mesh: bpy.types.Mesh, corner_count: int) -> np.ndarray:
     """(C, 3) f32. Normals that are not finite, at a broken corner, become zero: no normal."""
     normals = _read(mesh.corner_normals, "vector", np.float32, corner_count, 3)
-    if not np.isfinite(np.dot(normals.ravel(), normals.ravel())):
+    if not _sums_up(normals):
         np.nan_to_num(normals, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
     return normals
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.emitter import Emitter, EmitterKind
 from ..core.outline import Colour, Light
-from .transforms import are_finite, as_vector, matrix_of
+from .transforms import LARGEST, are_finite, as_vector, matrix_of
 
 # Below this an area light's spread is raised to it: the normalisation 1 / (tan x - x) has no digits left.
 _SMALLEST_SPREAD = math.radians(0.1)
@@ -38,6 +38,8 @@ def light_of(
     warnings += more + node_warnings
     if not all(map(math.isfinite, intensity)):
         return None, [f"light '{name}' is left out: its power is not finite"]
+    if max(map(abs, intensity)) > LARGEST:
+        return None, [f"light '{name}' is left out: its power is more than single precision holds"]
     return Light(name, key, light.type, emitter, intensity, casts_shadow and light.use_shadow), warnings
 
 
@@ -112,17 +114,17 @@ def _emitter(
 
 def _strength(light: bpy.types.Light, name: str) -> tuple[Colour, list[str]]:
     """Colour times power, linear in the working space, and warnings."""
-    strength = np.array(light.color[:], np.float64) * light.energy * 2.0**light.exposure
-    if light.use_temperature:
-        strength = strength * light.temperature_color[:]
     node, warnings = _emission_node(light)
-    if warnings:
-        return as_vector(strength), [f"light '{name}': {reason}" for reason in warnings]
-    if light.node_tree is not None:
-        if node is None:
-            return (0.0, 0.0, 0.0), []
-        strength = strength * node.inputs["Color"].default_value[:3] * node.inputs["Strength"].default_value
-    return as_vector(strength), []
+    if light.node_tree is not None and node is None and not warnings:
+        return (0.0, 0.0, 0.0), []
+    with np.errstate(over="ignore", invalid="ignore"):  # whoever asks looks whether it is finite
+        strength = np.array(light.color[:], np.float64) * light.energy * np.exp2(light.exposure)
+        if light.use_temperature:
+            strength = strength * light.temperature_color[:]
+        if node is not None:
+            inputs = node.inputs
+            strength = strength * inputs["Color"].default_value[:3] * inputs["Strength"].default_value
+    return as_vector(strength), [f"light '{name}': {reason}" for reason in warnings]
 
 
 def _emission_node(light: bpy.types.Light):

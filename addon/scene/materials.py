@@ -14,7 +14,7 @@ import os
 import bpy
 
 from ..core.outline import Image, Material
-from .transforms import as_vector
+from .transforms import as_colour
 from .volumes import volume_of
 
 ALPHA_THRESHOLD = 0.5
@@ -49,7 +49,7 @@ def material_of(material: bpy.types.Material, images: Images) -> tuple[Material,
     """A material and its warnings."""
     medium, warnings = volume_of(material.node_tree, f"material '{material.name_full}'")
     if (medium is not None or warnings) and not _has_surface(material):
-        colour = as_vector(material.diffuse_color[:3])
+        colour = as_colour(material.diffuse_color[:3])
         return Material(material.name_full, colour, medium=medium, has_surface=False), warnings
     read, more = _surface_of(material, images)
     if medium is not None:
@@ -67,7 +67,7 @@ def _surface_of(material: bpy.types.Material, images: Images) -> tuple[Material,
     if node is None:
         colour = material.diffuse_color
         warning = f"material '{name}': {unread} is not read, its viewport colour is used"
-        return Material(name, base_color=as_vector(colour[:3]), roughness=float(material.roughness)), [
+        return Material(name, base_color=as_colour(colour[:3]), roughness=float(material.roughness)), [
             warning
         ]
     reader = _Reader(material, node, images)
@@ -78,7 +78,7 @@ def _surface_of(material: bpy.types.Material, images: Images) -> tuple[Material,
     base_color, base_color_image = reader.base_color("Base Color")
     alpha, alpha_image, threshold = reader.alpha()
     emission_strength = reader.value("Emission Strength")
-    emission = as_vector(c * emission_strength for c in reader.value("Emission Color")[:3])
+    emission = as_colour(c * emission_strength for c in reader.value("Emission Color")[:3])
     read = Material(
         name,
         base_color,
@@ -140,8 +140,8 @@ class _Reader:
     def base_color(self, name: str):
         source, _output = _source(self.node.inputs[name])
         if source is None or source.bl_idname == "ShaderNodeRGB":
-            return as_vector(self.value(name)[:3]), None
-        viewport = as_vector(self.material.diffuse_color[:3])
+            return as_colour(self.value(name)[:3]), None
+        viewport = as_colour(self.material.diffuse_color[:3])
         if source.bl_idname != "ShaderNodeTexImage":
             self.warnings.append(f"node '{source.name}' is not read for {name}, its viewport colour is used")
             return viewport, None

@@ -1,14 +1,16 @@
-"""Blender's matrices as float64."""
+"""Blender's matrices as float64, and its numbers as far as single precision goes."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 # A matrix whose columns span less than this share of the volume of a box of their lengths is singular:
 # a thousand steps of the float32 that Blender keeps matrices in.
 _SINGULAR = 1e-4
-# Beyond this, squares of coordinates overflow float32 (Blender turns infinite locations into 3e38).
-_FARTHEST = 1e18
+# Beyond this, squares overflow float32 (Blender turns infinite locations into 3e38).
+LARGEST = 1e18
 
 
 def matrix_of(matrix) -> np.ndarray:
@@ -18,7 +20,7 @@ def matrix_of(matrix) -> np.ndarray:
 
 def are_finite(matrices: np.ndarray) -> np.ndarray:
     """Which of the (..., 4, 4) matrices are finite and not absurdly far; NaN compares false."""
-    return (np.abs(matrices) < _FARTHEST).all(axis=(-2, -1))
+    return (np.abs(matrices) < LARGEST).all(axis=(-2, -1))
 
 
 def are_usable(matrices: np.ndarray) -> np.ndarray:
@@ -32,3 +34,8 @@ def are_usable(matrices: np.ndarray) -> np.ndarray:
 
 def as_vector(values) -> tuple[float, float, float]:
     return tuple(float(v) for v in values)
+
+
+def as_colour(values) -> tuple[float, float, float]:
+    """Three numbers whose squares single precision holds; 0 for what is no number."""
+    return tuple(0.0 if math.isnan(v) else max(-LARGEST, min(float(v), LARGEST)) for v in values)

@@ -12,6 +12,8 @@ from ..core.medium import Medium
 
 # A phase function of exactly 1 or -1 is a mirror: Cycles stops short of it too.
 MOST_ANISOTROPY = 0.9999
+# As in the effects' own settings: nothing is seen through a micrometre of it.
+MOST_PER_M = 1e6
 
 
 def volume_of(tree: bpy.types.NodeTree | None, where: str) -> tuple[Medium | None, list[str]]:
@@ -74,7 +76,12 @@ class _Reader:
         total = sum(self.scattering)
         anisotropy = self.turned / total if total > 0.0 else 0.0
         anisotropy = max(-MOST_ANISOTROPY, min(MOST_ANISOTROPY, anisotropy))
-        medium = Medium(tuple(self.scattering), tuple(self.absorption), anisotropy)
+        if max(*self.scattering, *self.absorption) > MOST_PER_M:
+            self.warnings.append(f"{self.where}: its volume is taken as {MOST_PER_M:g} per metre at most")
+        scattering, absorption = (
+            tuple(min(value, MOST_PER_M) for value in values) for values in (self.scattering, self.absorption)
+        )
+        medium = Medium(scattering, absorption, anisotropy)
         return None if medium.is_empty else medium
 
     def _collect(self, scattering, absorption, anisotropy: float) -> None:

@@ -21,8 +21,20 @@ pub mod volumetric_light;
 
 use pyo3::prelude::*;
 
+/// A panic reaches Python as an exception and is told there in one line (`addon/core/errors.py`); Rust prints
+/// its own account only where tracebacks are asked for.
+fn quieten_panics() {
+    let print = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        if std::env::var_os("STRATA_TRACEBACK").is_some_and(|path| !path.is_empty()) {
+            print(panic);
+        }
+    }));
+}
+
 #[pymodule]
 fn strata_kernels(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    quieten_panics();
     cancel::register(module)?;
     composite::register(module)?;
     geometry::register(module)?;

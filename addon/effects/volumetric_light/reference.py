@@ -122,7 +122,8 @@ def _inside(crossings: np.ndarray | None, starts: np.ndarray, ends: np.ndarray) 
     total = np.zeros(len(crossings))
     for k in range(edges.shape[1] - 1):
         low, high = np.maximum(edges[:, k], starts), np.minimum(edges[:, k + 1], ends)
-        total += np.where(inside & (high > low), high - low, 0.0)
+        part = inside & (high > low)
+        total[part] += high[part] - low[part]
         inside = inside ^ np.isfinite(edges[:, k + 1])
     return total
 

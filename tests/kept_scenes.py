@@ -1,0 +1,41 @@
+"""Recipes (`random_scenes`) that once failed, each made as small as it could be, by what was wrong."""
+
+from __future__ import annotations
+
+_MIST = {"volume": "ShaderNodeVolumeScatter", "density": 0.1}
+_GROUND = {"mesh": "square", "scale": (10, 10, 1)}
+
+KEPT: dict[str, dict] = {
+    "a medium denser than single precision holds": {
+        "lamps": [{"type": "SUN"}],
+        "world": {"volume": "ShaderNodeVolumePrincipled", "density": 1e30},
+    },
+    "a lamp stronger than single precision holds": {
+        "lamps": [{"type": "AREA", "energy": 1e38, "color": (1e10, 1, 1), "use_shadow": False}],
+        "world": _MIST,
+    },
+    "an exposure beyond double precision": {
+        "things": [_GROUND],
+        "lamps": [{"type": "POINT", "exposure": 2000.0}, {"type": "SUN"}],
+    },
+    "strong light, many samples": {
+        "things": [_GROUND],
+        "lamps": [{"type": "POINT", "energy": 1e38}],
+        "world": _MIST,
+        "samples": 4,
+    },
+    "vertices whose squares are too large": {
+        "things": [_GROUND, {"mesh": "3e38", "materials": ("mist",)}],
+        "lamps": [{"type": "POINT"}],
+    },
+    "a medium whose mesh is not all there": {
+        "things": [_GROUND, {"mesh": "sliver", "materials": ("smoke",)}],
+        "lamps": [{"type": "POINT"}],
+        "probes": 64,
+    },
+    "a glow beyond single precision": {
+        "things": [_GROUND, {"materials": ("blazing",)}],
+        "lamps": [{"type": "POINT"}],
+        "effects": ("toon",),
+    },
+}
