@@ -24,18 +24,18 @@ MOST_NAMED = 10  # of frames that failed
 
 def main(words: Sequence[str] | None = None, in_blender: bool = False) -> int:
     """Runs one command; the exit code. `in_blender`: a file may be open already."""
-    with clean_stdout() as out, Interrupts() as interrupts:
-        try:
+    try:
+        with clean_stdout() as out, Interrupts() as interrupts:
             arguments = _parse(words, in_blender, out)
             return OK if arguments is None else _COMMANDS[arguments.command](arguments, out, interrupts)
-        except BrokenPipeError:
-            return OK
-        except (KeyboardInterrupt, Cancelled):
-            print("strata: interrupted", file=sys.stderr)
-            return INTERRUPTED
-        except BaseException as error:  # a panic of the kernels is no Exception
-            print(f"strata: {one_line(error)}", file=sys.stderr)
-            return BAD_INPUT
+    except BrokenPipeError:
+        return OK
+    except (KeyboardInterrupt, Cancelled):
+        print("strata: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BaseException as error:  # a panic of the kernels is no Exception
+        print(f"strata: {one_line(error)}", file=sys.stderr)
+        return BAD_INPUT
 
 
 def blender_command(words: list[str]) -> int:

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TextIO
 
+from ..addon.core.errors import StrataError
+
 QUIET_SECONDS = 2.0  # between progress lines where there is no terminal
 REDRAW_SECONDS = 0.1
 
@@ -18,6 +20,7 @@ REDRAW_SECONDS = 0.1
 @contextmanager
 def clean_stdout() -> Iterator[TextIO]:
     """The real stdout, while whatever Blender prints to file descriptor 1 goes nowhere: JSON stays JSON."""
+    _open_streams()
     sys.stdout.flush()
     saved = os.dup(1)
     nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -27,11 +30,26 @@ def clean_stdout() -> Iterator[TextIO]:
     try:
         yield out
     finally:
-        with suppress(BrokenPipeError):  # the reader has gone, as `head` does: its business
-            out.close()
-        sys.stdout.flush()
-        os.dup2(saved, 1)
-        os.close(saved)
+        try:
+            with suppress(BrokenPipeError):  # the reader has gone, as `head` does: its business
+                out.close()
+        except OSError as error:
+            raise StrataError(f"cannot write to standard output: {error.strerror or error}") from None
+        finally:
+            sys.stdout.flush()
+            os.dup2(saved, 1)
+            os.close(saved)
+
+
+def _open_streams() -> None:
+    """Those that a shell has closed lead nowhere: otherwise the next file opened would be in their place."""
+    for descriptor in (0, 1, 2):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free: this one
+    sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115 (for as long as Python runs)
+    sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
 
 
 class Interrupts:

@@ -16,6 +16,12 @@ def check_writable(path: str | Path) -> None:
     """Raises StrataError where `replaced` would surely fail: asked before the work, not after it."""
     path = Path(os.path.realpath(path))
     folder = path.parent
+    try:
+        path.lstat()
+    except FileNotFoundError:
+        pass
+    except OSError as error:  # a name too long, a folder that may not be searched
+        raise StrataError(f"cannot write {path}: {error.strerror or error}") from None
     if not folder.is_dir():
         raise StrataError(f"cannot write {path}: the folder {folder} does not exist")
     if path.is_dir():

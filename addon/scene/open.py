@@ -42,6 +42,8 @@ def open_blend(path: str | os.PathLike) -> None:
     """Opens a file without running its scripts. Raises StrataError for what cannot be read; what was open
     before then stays open."""
     path = os.path.abspath(path)
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise StrataError(f"cannot read '{path}': it is not a file")  # a pipe would never end
     try:
         with open(path, "rb") as file:
             start = file.read(8)
