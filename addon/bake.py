@@ -28,6 +28,7 @@ from .effects.registry import EFFECTS, effect_named
 from .effects.shared import composite, lit
 from .effects.shared.look import look
 from .effects.shared.steps import ray_accelerator
+from .measure.budget import allowed_seconds
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured, Report, StepTime, report_of
 
@@ -38,14 +39,15 @@ BAKING_SHARE = 0.75
 @dataclass(frozen=True)
 class Options:
     """How to bake. `effects`: ids, None for those on by default; `values`: parameter values by effect id and
-    name; `samples` jittered surfaces a pixel; `probes` points to measure the error at, 0 for none; `lit` also
+    name; `samples` jittered surfaces a pixel; `probes` points to measure the error at, 0 for none, None
+    for at most 2048 and so few that measuring takes 15% of the bake; `lit` also
     makes each light's unshadowed image, and `composite` the picture of the whole; `memory_bytes` are what it
     may take beside what Blender has, 0: half of what is free, or less where more is of no use."""
 
     effects: tuple[str, ...] | None = None
     backend: str = "auto"
     samples: int = 8
-    probes: int = 2048
+    probes: int | None = None
     values: dict[str, dict[str, Any]] = field(default_factory=dict)
     seed: int = 0
     lit: bool = False
@@ -57,7 +59,7 @@ class Options:
             raise StrataError(f"memory: {self.memory_bytes} bytes are less than 0")
         if self.samples < 1:
             raise StrataError(f"samples: {self.samples} is less than 1")
-        if self.probes < 0:
+        if self.probes is not None and self.probes < 0:
             raise StrataError(f"probes: {self.probes} is less than 0")
         for effect_id, values in self.values.items():
             effect_named(effect_id).params.checked(effect_id, values)
@@ -142,6 +144,7 @@ class BakeJob:
         self._look_seconds = 0.0
         self._rays: CpuRays | NotMeasured | None = None  # for measuring
         self._rays_seconds = 0.0  # of one layer
+        self._measuring_seconds = 0.0  # of all so far
         self._held = held_bytes()
         self.memory: MemoryEstimate | None = None  # told once the look has been taken
         self._result: Baked | None = None
@@ -187,7 +190,7 @@ class BakeJob:
             self._warnings.append(self.memory.shortage)
         cancelled = (*self.devices.primary.cancelled, *self.devices.fallback.cancelled)
         measurement = None
-        if options.probes:
+        if options.probes != 0:
             measurement = Measurement(self.graph, outline, options.probes, options.seed, cancelled)
         errors: dict[str, LayerError | NotMeasured] = {}
         for number, group in enumerate(groups):
@@ -247,8 +250,10 @@ class BakeJob:
             return {layer.name: self._rays for layer in layers}
         errors = {}
         for number, layer in enumerate(layers, start=1):
-            work = self._measured(measurement, layer, executor.execution.images[layer.name])
-            error = yield from measurement.guarded(work)
+            allowed = self._allowed_seconds(measurement, executor.execution) / (len(layers) - number + 1)
+            work = self._measured(measurement, layer, executor.execution.images[layer.name], allowed)
+            error, seconds = yield from timed(measurement.guarded(work))
+            self._measuring_seconds += seconds
             if isinstance(error, LayerError):
                 error = replace(error, seconds=error.seconds + self._rays_seconds)
             errors[layer.name] = error
@@ -256,16 +261,24 @@ class BakeJob:
             self.progress = start + (end - start) * number / len(layers)
         return errors
 
+    def _allowed_seconds(self, measurement: Measurement, execution: Execution) -> float:
+        """What measuring may still take of what has been baked so far."""
+        baked = sum(timing.seconds for timing in execution.timings.values())
+        spent = measurement.collecting_seconds + self._measuring_seconds
+        return allowed_seconds(self._read_seconds + self._look_seconds + baked) - spent
+
     def _measured(
-        self, measurement: Measurement, layer: PlannedLayer, image: np.ndarray
+        self, measurement: Measurement, layer: PlannedLayer, image: np.ndarray, allowed: float
     ) -> Generator[None, None, LayerError | NotMeasured]:
         casters = self.devices.fallback.instance_mask(layer.casters)
-        return (yield from self._unless_cancelled(measurement.measure(layer, self._rays, casters, image)))
+        work = measurement.measure(layer, self._rays, casters, image, allowed)
+        return (yield from self._unless_cancelled(work))
 
     def _started_rays(self, executor: Executor) -> Generator[None, None, CpuRays]:
         """What references trace with."""
         device, graph = self.devices.fallback, self.graph
         accelerator, seconds = _value_apart(executor, ray_accelerator(self.outline), device)
+        self._measuring_seconds += seconds
         self._rays_seconds = seconds / sum(layer.kind.reference is not None for layer in graph.layers)
         yield
         return CpuRays(

@@ -131,7 +131,7 @@ def build_parser(needs_scene: bool) -> Parser:
     bake.add_argument("--samples", type=whole_number(1, 4096), metavar="N",
                       help="surfaces per pixel (default: the scene's, or 8)")  # fmt: skip
     bake.add_argument("--probes", type=whole_number(0, 1 << 20), metavar="N",
-                      help="points to measure the error at (default: the scene's, or 2048)")  # fmt: skip
+                      help="to measure the error at (default: the scene's, or 15%% of the time)")  # fmt: skip
     bake.add_argument(
         "--seed", type=whole_number(0, 0xFFFFFFFF), default=0, metavar="N", help="of the random numbers"
     )

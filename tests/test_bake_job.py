@@ -260,3 +260,12 @@ def test_layers_are_whole_where_the_tree_cannot_be_built(monkeypatch):
     monkeypatch.setattr("strata.addon.bake.ray_accelerator", lambda outline: 1 / 0)
     (layer,) = bake().layers.layers
     assert "ZeroDivisionError" in layer.error["not_measured"]
+
+
+def test_only_probes_that_nobody_set_are_limited():
+    (layer,) = bake(probes=None).report.layers
+    assert 32 <= layer.error.probes_in_time <= 2048
+    assert layer.to_json()["error"]["probes_in_time"] == layer.error.probes_in_time
+    (layer,) = bake(probes=128).report.layers
+    assert layer.error.probes_in_time is None
+    assert "probes_in_time" not in layer.to_json()["error"]

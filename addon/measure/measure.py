@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Iterable
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from ..core.sampling import footprints
 from ..core.slices import timed
 from ..core.surface import Chunk
 from ..core.view_rays import view_rays
+from .budget import DEFAULT_PROBES, within
 from .image import WatchedImage, measure_light, measure_mask
 from .probes import ProbeCollector, WatchedShadow, shadow_strata
 from .report import LayerError, NotMeasured
@@ -27,7 +29,8 @@ class Measurement:
     """Collects probes while a graph runs (core/executor.py, Collector), then measures layer by layer those
     that have a reference.
 
-    `probes`: how many pixels of a layer get the slow reference; `cancelled`: what devices raise when they are
+    `probes`: how many pixels of a layer get the slow reference, None for as many as there is time for;
+    `cancelled`: what devices raise when they are
     cancelled. Whatever else goes wrong is told in place of the error: measuring never costs a layer.
     """
 
@@ -35,11 +38,12 @@ class Measurement:
         self,
         graph: Graph,
         outline: Outline,
-        probes: int,
+        probes: int | None,
         seed: int,
         cancelled: tuple[type[Exception], ...] = (),
     ):
-        self.probes, self.seed = probes, seed
+        self.has_budget = probes is None
+        self.probes, self.seed = DEFAULT_PROBES if probes is None else probes, seed
         self._outline = outline
         # GeneratorExit: whoever ran it has gone. A panic of the kernels is a BaseException too.
         self._passes_through = (Cancelled, KeyboardInterrupt, SystemExit, GeneratorExit, *cancelled)
@@ -71,6 +75,11 @@ class Measurement:
             if lost:
                 self._lost[each.name] = lost
 
+    @property
+    def collecting_seconds(self) -> float:
+        """Of all layers so far."""
+        return math.fsum(self._collecting_seconds.values())
+
     def guarded[Result](
         self, work: Generator[None, None, Result]
     ) -> Generator[None, None, Result | NotMeasured]:
@@ -83,13 +92,27 @@ class Measurement:
             return NotMeasured(one_line(error))
 
     def measure(
-        self, layer: PlannedLayer, rays: RayCaster, casters: np.ndarray, image: np.ndarray
+        self,
+        layer: PlannedLayer,
+        rays: RayCaster,
+        casters: np.ndarray,
+        image: np.ndarray,
+        allowed_seconds: float = math.inf,
     ) -> Generator[None, None, LayerError | NotMeasured]:
         """One layer's error, after the last tile; yields between slices of work. `casters` (instances,)
-        uint8: what can block the light; `image` (height, width[, channels]): the finished layer."""
+        uint8: what can block the light; `image` (height, width[, channels]): the finished layer;
+        `allowed_seconds`: what there is time for, where the number of probes was left open."""
         if layer.name in self._lost:
             return self._lost[layer.name]
-        error, seconds = yield from timed(self._measuring(layer, rays, casters, image))
+
+        def measuring(probes: int):
+            return self._measuring(layer, rays, casters, image, probes)
+
+        if not self.has_budget:
+            error, seconds = yield from timed(measuring(self.probes))
+        else:
+            (error, probes), seconds = yield from timed(within(measuring, allowed_seconds))
+            error = replace(error, probes_in_time=probes)
         return replace(error, seconds=self._collecting_seconds[layer.name] + seconds)
 
     def forget(self, layer: PlannedLayer) -> None:
@@ -97,10 +120,10 @@ class Measurement:
         if collector := self._collectors.pop(layer.name, None):
             collector.forget(layer.name)
 
-    def _measuring(self, layer, rays, casters, image) -> Generator[None, None, LayerError]:
+    def _measuring(self, layer, rays, casters, image, probes: int) -> Generator[None, None, LayerError]:
         kind, seed = layer.kind, int(hash_bits(self.seed, text_bits(layer.name)))
         if kind.metric == Metric.WEIGHTED_RMSE:
-            return self._measuring_shadow(layer, rays, casters, seed)
+            return self._measuring_shadow(layer, rays, casters, probes, seed)
         outline, size = self._outline, self._outline.computed_size
         strata = list(self._collectors[layer.name].kept(layer.name))
 
@@ -113,18 +136,18 @@ class Measurement:
 
         if kind.metric == Metric.RELATIVE_L2:
             total = self._collectors[layer.name].totals[layer.name]
-            probes = self.probes * kind.looks
             return measure_light(
-                strata, total, size[0] * size[1], probes, at_pixels, kind.reference_name, seed
+                strata, total, size[0] * size[1], probes * kind.looks, at_pixels, kind.reference_name, seed
             )
 
         def scattered(pixels, samples, seed):
             return footprints(outline.pixel_filter, pixels, samples, seed)
 
-        probes = self.probes * kind.looks
-        return measure_mask(strata, image, probes, along, rays.look, scattered, kind.reference_name, seed)
+        return measure_mask(
+            strata, image, probes * kind.looks, along, rays.look, scattered, kind.reference_name, seed
+        )
 
-    def _measuring_shadow(self, layer, rays, casters, seed) -> Generator[None, None, LayerError]:
+    def _measuring_shadow(self, layer, rays, casters, probes: int, seed) -> Generator[None, None, LayerError]:
         watched = self._watched[layer.name]
 
         def weigh(points):
@@ -138,7 +161,7 @@ class Measurement:
             return layer.kind.reference(rays, light, points, samples, seed)
 
         strata = shadow_strata(self._collectors[layer.name], watched)
-        return measure_visibility(strata, self.probes, weigh, screen, reference, seed)
+        return measure_visibility(strata, probes, weigh, screen, reference, seed)
 
 
 def _watched(

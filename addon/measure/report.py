@@ -39,7 +39,8 @@ class StepTime:
 @dataclass(frozen=True)
 class LayerError:
     """A layer's error (docs/accuracy.md); `seconds` is what measuring it took. Only radiance layers have
-    `share_off_by_1_percent`, only masks have `mean_absolute_error`."""
+    `share_off_by_1_percent`, only masks `mean_absolute_error`; `probes_in_time`: for how many there was time,
+    where nobody said how many."""
 
     metric: str
     value: float
@@ -53,6 +54,7 @@ class LayerError:
     seconds: float
     share_off_by_1_percent: float | None = None
     mean_absolute_error: float | None = None
+    probes_in_time: int | None = None
 
     def __post_init__(self):
         """Raises ValueError where a figure is not finite."""

@@ -1,0 +1,52 @@
+"""How many probes there is time for."""
+
+import pytest
+from strata.addon.core.slices import finished
+from strata.addon.measure import budget
+from strata.addon.measure.budget import DEFAULT_PROBES, SHARE, allowed_seconds, within
+
+
+class Clock:
+    """Measuring whose seconds are known; `once` are those of what the first run makes for all."""
+
+    def __init__(self, monkeypatch, per_probe: float, once: float = 0.0):
+        self.per_probe, self.once, self.runs = per_probe, once, []
+        monkeypatch.setattr(budget, "timed", self.timed)
+
+    def work(self, probes: int):
+        self.runs.append(probes)
+        return probes
+        yield
+
+    def timed(self, work):
+        probes = yield from work
+        return probes, probes * self.per_probe + (self.once if len(self.runs) == 1 else 0.0)
+
+    @property
+    def seconds(self) -> float:
+        return self.once + self.per_probe * sum(self.runs)
+
+
+def test_measuring_is_a_share_of_the_whole():
+    assert allowed_seconds(8.5) == pytest.approx(SHARE * 10.0)
+    assert allowed_seconds(0.01) == pytest.approx(SHARE * 2.0)
+
+
+@pytest.mark.parametrize("per_probe", [1e-5, 1e-4, 5e-4, 2e-3, 5e-3])
+@pytest.mark.parametrize("once", [0.0, 0.3])
+def test_as_many_probes_as_fit_are_taken(monkeypatch, per_probe, once):
+    clock = Clock(monkeypatch, per_probe, once)
+    result, probes = finished(within(clock.work, 1.0))
+    assert result == probes == clock.runs[-1]
+    assert clock.seconds <= 1.0
+    more = clock.seconds + per_probe * 2 * probes
+    assert probes == DEFAULT_PROBES or more > 1.0 or probes < 128
+    if per_probe == 1e-5:
+        assert probes == DEFAULT_PROBES
+
+
+def test_some_probes_are_taken_whatever_they_cost(monkeypatch):
+    clock = Clock(monkeypatch, 1.0, once=5.0)
+    assert finished(within(clock.work, 0.1)) == (32, 32)
+    assert clock.runs == [8, 32]
+    assert finished(within(clock.work, -3.0)) == (32, 32)
