@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 
 import bpy
-from bpy_extras.view3d_utils import location_3d_to_region_2d
 
 sys.path.insert(0, str(Path(__file__).parent))
 import interface_person as person
@@ -66,18 +65,6 @@ def converged(region):
     yield 0.5
 
 
-def frame_on_screen(region, region_3d) -> tuple[float, float, float, float]:
-    """The camera's frame in pixels of the photograph: left, top, right, bottom."""
-    scene = bpy.context.scene
-    matrix = scene.camera.matrix_world
-    corners = [matrix @ corner for corner in scene.camera.data.view_frame(scene=scene)]
-    places = [location_3d_to_region_2d(region, region_3d, corner) for corner in corners]
-    window = bpy.context.window_manager.windows[0]
-    left, right = (window.x + region.x + choose(x for x, _ in places) for choose in (min, max))
-    bottom, top = (window.height - region.y - choose(y for _, y in places) for choose in (min, max))
-    return left, top, right, bottom
-
-
 def watch_a_light(found: dict, photographs: Path, buttons: dict, area):
     """The preview by its switch, through the camera, while a light is moved by G and the mouse."""
     scene, region, space = bpy.context.scene, person.region_of(area, "WINDOW"), area.spaces.active
@@ -89,7 +76,7 @@ def watch_a_light(found: dict, photographs: Path, buttons: dict, area):
     scene.strata.preview.layer, scene.strata.preview.show_statistics = LAYER, False
     yield from person.click(*buttons["strata.preview"])
     yield from converged(region)
-    found["frame"] = frame_on_screen(region, space.region_3d)
+    found["frame"] = person.frame_on_screen(region, space.region_3d)
     yield from person.photograph(photographs, "2 preview")
     bake_beside(photographs / "before.exr")
     yield 0.5

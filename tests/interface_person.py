@@ -10,6 +10,7 @@ import traceback
 from pathlib import Path
 
 import bpy
+from bpy_extras.view3d_utils import location_3d_to_region_2d
 
 STEP_PIXELS = 7  # between two looks at what is under the mouse
 LOOK_SECONDS = 0.06
@@ -111,6 +112,18 @@ def wait(until, seconds: float = 60.0):
     while not until():
         assert time.monotonic() - started < seconds, "waited in vain"
         yield 0.01
+
+
+def frame_on_screen(region, region_3d) -> tuple[float, float, float, float]:
+    """The camera's frame in pixels of the photograph: left, top, right, bottom."""
+    scene = bpy.context.scene
+    matrix = scene.camera.matrix_world
+    corners = [matrix @ corner for corner in scene.camera.data.view_frame(scene=scene)]
+    places = [location_3d_to_region_2d(region, region_3d, corner) for corner in corners]
+    window = bpy.context.window_manager.windows[0]
+    left, right = (window.x + region.x + choose(x for x, _ in places) for choose in (min, max))
+    bottom, top = (window.height - region.y - choose(y for _, y in places) for choose in (min, max))
+    return left, top, right, bottom
 
 
 def photograph(folder: Path, name: str):

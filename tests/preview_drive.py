@@ -57,6 +57,14 @@ class Screen:
 SCREEN = Screen()
 
 
+def on_screen(pixels):
+    """What Blender makes of its overlays, (h, w, 4) as their framebuffer has them: decoded by IEC 61966-2-1,
+    and a power of 1 / 2.2 of that (interface_colours.py looks at the screen itself)."""
+    colour = pixels[..., :3]
+    linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+    return np.concatenate([linear ** (1 / 2.2), pixels[..., 3:]], axis=2)
+
+
 def settled(preview, region, seconds=60.0):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
@@ -141,7 +149,7 @@ def person(found):
     numbers = np.empty(saved.size[0] * saved.size[1] * 4, np.float32)
     saved.pixels.foreach_get(numbers)
     expected = numbers.reshape(saved.size[1], saved.size[0], 4)
-    inside = pixels[bottom:top, left:right]
+    inside = on_screen(pixels[bottom:top, left:right])
     # The frame's sides are no whole pixels: the picture's pixels are a little smaller or larger.
     height, width = expected.shape[:2]
     rows = ((np.arange(bottom, top) + 0.5 - place[1]) / (place[3] - place[1]) * height).astype(int)

@@ -23,14 +23,21 @@ SECONDS_TO_CANCEL = 3.0
 # Mean difference of parts, out of 1: pixels of preview and bake differ a little in size and sample edges
 # elsewhere, and the window has 8 bits.
 MOST_APART = 0.03
+# Of squares that are all of one colour, out of 1.
+MOST_COLOURS_APART = 0.01
+# View transforms with edges and kinks between the levels at which the preview's table holds them: their
+# squares agree on average. The rendered viewport is transformed by Blender itself.
+STEEP = ("False Color", "Khronos PBR Neutral")
 
 
-def in_a_window(backend: str, archive: Path, display: str, folder: Path, driver: str, *words) -> dict:
+def in_a_window(
+    photographs: Path, backend: str, archive: Path, display: str, folder: Path, driver: str, *words
+) -> dict:
     """What a driver writes down, with courtyard.blend open; `words` are its arguments but the last two."""
     scene, result = folder / "courtyard.blend", folder / "result.json"
     shutil.copy(TESTS.parent / "sample_blends" / "courtyard.blend", scene)
-    photographs = PHOTOGRAPHS / backend
-    photographs.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(photographs, ignore_errors=True)
+    photographs.mkdir(parents=True)
     env = {**os.environ, "DISPLAY": display, "BLENDER_USER_RESOURCES": str(folder / "home")}
     # Mesa maps its cache of shaders into memory: another process that trims it ends this one with SIGBUS.
     env["MESA_SHADER_CACHE_DIR"] = str(folder / "shaders")
@@ -74,15 +81,15 @@ def parts(image: np.ndarray) -> np.ndarray:
 
 
 def check_a_session(backend, archive, display, tmp_path):
-    shutil.rmtree(PHOTOGRAPHS / backend, ignore_errors=True)
-    found = in_a_window(backend, archive, display, tmp_path, "interface_drive.py", tmp_path / "out.exr")
-    layers = [layer.name for layer in read_layers(tmp_path / "out.exr").layers]
+    photographs = PHOTOGRAPHS / backend
+    out = tmp_path / "out.exr"
+    found = in_a_window(photographs, backend, archive, display, tmp_path, "interface_drive.py", out)
+    layers = [layer.name for layer in read_layers(out).layers]
     assert found["tab"] == "Strata"
     assert {"strata.bake", "strata.plan", "strata.samples"} <= set(found["buttons"])
     before, dragged = found["probes dragged"]
     assert dragged > before
     assert found["probes undone"] == before
-    photographs = PHOTOGRAPHS / backend
     still = shown_and_baked(photographs / "2 preview.png", photographs / "before.exr", found["frame"])
     moved = shown_and_baked(photographs / "3 light moved.png", photographs / "after.exr", found["frame"])
     for shown, baked in (still, moved):
@@ -113,11 +120,12 @@ def check_a_session(backend, archive, display, tmp_path):
     assert found["is saved"]
     assert found["samples after opening"] == 7
     assert found["is gone"]
-    assert len(list((PHOTOGRAPHS / backend).glob("*.png"))) == 10
+    assert len(list(photographs.glob("*.png"))) == 10
 
 
 def check_renders(backend, device, archive, display, tmp_path):
-    found = in_a_window(backend, archive, display, tmp_path, "interface_render.py", device)
+    photographs = PHOTOGRAPHS / f"{backend} renders {device}"
+    found = in_a_window(photographs, backend, archive, display, tmp_path, "interface_render.py", device)
     for name in ("WINDOW", "NONE", "AREA", "SCREEN"):
         seen = found[name]
         assert seen["renders"], name
@@ -131,8 +139,37 @@ def check_renders(backend, device, archive, display, tmp_path):
     assert found["renders when it quits"]
 
 
+def squares(photograph: Path, count: tuple[int, int], frame) -> np.ndarray:
+    """(rows, columns, 3) 0 to 1, row 0 at the top: means of the middles of a chart's squares."""
+    image = np.asarray(Image.open(photograph).convert("RGB"), np.float64) / 255.0
+    left, top, right, bottom = frame
+    xs, ys = (
+        [round(start + (number + 0.5) * (end - start) / squares) for number in range(squares)]
+        for start, end, squares in ((left, right, count[0]), (top, bottom, count[1]))
+    )
+    return np.array([[image[y - 5 : y + 5, x - 5 : x + 5].mean(axis=(0, 1)) for x in xs] for y in ys])
+
+
+def check_colours(backend, archive, display, tmp_path):
+    """The chart on the screen, as Blender saves the same render."""
+    photographs = PHOTOGRAPHS / f"{backend} colours"
+    found = in_a_window(photographs, backend, archive, display, tmp_path, "interface_colours.py")
+    count = found["squares"]
+    assert {"Standard", "AgX", "Filmic", "False Color", "Raw"} <= set(found["settings"])
+    for name in found["settings"]:
+        saved = squares(photographs / f"{name} F12.png", count, (0, 0, 20 * count[0], 20 * count[1]))
+        assert saved.std() > 0.2, name
+        for path in photographs.glob(f"{name} [MRS]*.png"):
+            apart = np.abs(squares(path, count, found["frame"]) - saved)
+            assert apart.mean() < MOST_COLOURS_APART, (path.name, apart.mean())
+            if path.stem.endswith("RENDERED") or name not in STEEP:
+                assert apart.max() < MOST_COLOURS_APART, (path.name, apart.max())
+
+
 if "BLENDER" in os.environ:
     test_a_session = pytest.mark.parametrize("backend", ["opengl", "vulkan"])(check_a_session)
+
+    test_colours = pytest.mark.parametrize("backend", ["opengl", "vulkan"])(check_colours)
 
     @pytest.mark.parametrize("device", ["cpu", "gpu"])
     @pytest.mark.parametrize("backend", ["opengl", "vulkan"])

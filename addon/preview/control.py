@@ -104,10 +104,14 @@ def state_of(region: bpy.types.Region) -> Statistics | None:
     return viewport.statistics if viewport else None
 
 
-def draw(context: bpy.types.Context, region: bpy.types.Region | None = None, encodes: bool = False) -> None:
+def draw(
+    context: bpy.types.Context, region: bpy.types.Region | None = None, is_overlay: bool = False
+) -> None:
     """Draws the picture of the viewport at hand into the bound framebuffer, making it first where something
-    has changed; `encodes` as in `display.draw_picture`. What keeps it from a picture, such as nothing in
-    view, is in `state_of(region).message`; what fails is not tried again before something changes."""
+    has changed. `is_overlay`: that is the one of a viewport's overlays; else it is a render engine's, of
+    scene-linear light, to which Blender applies the scene's view transform. What keeps it from a picture,
+    such as nothing in view, is in `state_of(region).message`; what fails is not tried again before something
+    changes."""
     region = region or context.region
     space, region_3d = context.space_data, context.region_data
     if region is None or space is None or region_3d is None:
@@ -121,7 +125,7 @@ def draw(context: bpy.types.Context, region: bpy.types.Region | None = None, enc
     try:
         picture = _picture(context, region, space, region_3d, viewport)
         if picture is not None:
-            _show(context.scene, region, picture, encodes)
+            _show(context.scene, region, picture, is_overlay)
     except BaseException as error:  # a panic of the kernels is no Exception
         _failed(region.as_pointer(), error, asked)
 
@@ -141,15 +145,17 @@ def unregister() -> None:
     disable()
 
 
-def _show(scene: bpy.types.Scene, region: bpy.types.Region, picture, encodes: bool) -> None:
-    table = _table(scene) if picture.is_colour else None
-    style = (picture, table, view_transform.exposure_factor(scene))
+def _show(scene: bpy.types.Scene, region: bpy.types.Region, picture, is_overlay: bool) -> None:
+    style = (picture, is_overlay, None, 1.0)
+    if is_overlay and picture.is_colour:
+        style = (picture, True, _table(scene), view_transform.exposure_factor(scene))
     kept = _state.textures.get(region.as_pointer())
     if kept is None or any(a is not b and a != b for a, b in zip(kept[0], style, strict=True)):
-        image = getattr(picture.pixels, "texture", None) or display.picture_texture(picture.pixels)
-        shown = display.shown_texture(image, 4 if picture.is_colour else 1, *style[1:])
+        shown = getattr(picture.pixels, "texture", None) or display.picture_texture(picture.pixels)
+        if is_overlay or not picture.is_colour:
+            shown = display.shown_texture(shown, 4 if picture.is_colour else 1, *style[2:])
         kept = _state.textures[region.as_pointer()] = (style, shown)
-    display.draw_picture(kept[1], picture.place, (region.width, region.height), encodes)
+    display.draw_picture(kept[1], picture.place, (region.width, region.height), is_overlay)
 
 
 def _picture(context, region, space, region_3d, viewport: Viewport):
@@ -236,7 +242,7 @@ def _draw_view() -> None:
     context = bpy.context
     if context.scene is None or not is_on(context.scene) or _draws_engine(context.scene, context.space_data):
         return
-    draw(context, encodes=True)
+    draw(context, is_overlay=True)
 
 
 @told_once
@@ -337,6 +343,8 @@ def _tick() -> float | None:
             continue
         alive.add(pointer)
         try:
+            if is_on(scene) and not is_rendered and _read_table(scene):
+                region.tag_redraw()
             wait = min(wait, _refine(scene, region))
         except BaseException as error:
             if pointer in _state.viewports:
@@ -353,8 +361,6 @@ def _tick() -> float | None:
 def _refine(scene: bpy.types.Scene, region: bpy.types.Region) -> float:
     """Works on a region's picture for a slice of the budget; seconds until there is more to do."""
     pointer = region.as_pointer()
-    if _read_table(scene):
-        region.tag_redraw()
     viewport = _state.viewports.get(pointer)
     if viewport is None or not viewport.has_work:
         return IDLE_SECONDS

@@ -76,14 +76,14 @@ def shown_texture(image, channels: int, table=None, exposure_factor: float = 1.0
 
 
 def draw_picture(
-    shown, place: tuple[float, float, float, float], size: tuple[int, int], encodes: bool = False
+    shown, place: tuple[float, float, float, float], size: tuple[int, int], is_overlay: bool = False
 ) -> None:
-    """Draws a `shown_texture` into the bound framebuffer. `place` is left, bottom, right, top in pixels of a
-    viewport of `size` pixels; `encodes`: the framebuffer turns linear light into sRGB itself, as a viewport's
-    overlays do. Blends by alpha, premultiplied; all state is put back."""
+    """Draws a texture of four channels into the bound framebuffer. `place` is left, bottom, right, top in
+    pixels of a viewport of `size` pixels; `is_overlay`: the framebuffer is that of its overlays, so that the
+    texture holds what the display is sent. Blends by alpha, premultiplied; all state is put back."""
     values = np.zeros((len(SHOWN.params), 4), np.float32)
     values[0] = [2.0 * edge / size[i % 2] - 1.0 for i, edge in enumerate(place)]
-    values[2, 1] = encodes
+    values[2, 1] = is_overlay
     # A camera's frame begins anywhere within a pixel; a picture of a pixel for each of its own stays sharp.
     coarse = abs(place[2] - place[0] - shown.width) >= 1.0 or abs(place[3] - place[1] - shown.height) >= 1.0
     _draw(SHOWN, values, "ALPHA_PREMULT", coarse, image=shown)

@@ -8,9 +8,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-LOWEST, HIGHEST = -10, 6
+LOWEST, HIGHEST = -13, 6
 """Exponents of two of the levels that the table holds besides black; 1 is one of them, where Standard has its
-kink. AgX and Filmic end at 16.3."""
+kink. AgX and Filmic begin at -12.5, of which Filmic Log shows the most, and end at 16.3."""
 
 STEPS = 4
 """Levels to a stop."""
