@@ -40,7 +40,8 @@ BAKING_SHARE = 0.75
 class Options:
     """How to bake. `effects`: ids, None for those on by default; `values`: parameter values by effect id and
     name; `samples` jittered surfaces a pixel; `probes` points to measure the error at, 0 for none, None
-    for at most 2048 and so few that measuring takes 15% of the bake; `lit` also
+    for at most 2048 and so few that measuring takes 15% of the bake; `lights`: names of the lamps whose
+    layers are wanted, None for all layers; `lit` also
     makes each light's unshadowed image, and `composite` the picture of the whole; `memory_bytes` are what it
     may take beside what Blender has, 0: half of what is free, or less where more is of no use."""
 
@@ -50,6 +51,7 @@ class Options:
     probes: int | None = None
     values: dict[str, dict[str, Any]] = field(default_factory=dict)
     seed: int = 0
+    lights: tuple[str, ...] | None = None
     lit: bool = False
     composite: bool = False
     memory_bytes: int = 0
@@ -72,6 +74,10 @@ class Options:
             effects = tuple(effect_named(name) for name in self.effects)
         return {e: e.params.checked(e.id, self.values.get(e.id, {})) for e in effects}
 
+    def wants(self, name: str, pass_name: str) -> bool:
+        """Whether a lamp's layers are to be made."""
+        return self.lights is None or name in self.lights or pass_name in self.lights
+
     def sources(self) -> dict[str, tuple[Callable, Any]]:
         """What effects offer to others, with their parameters, whether or not they are chosen themselves."""
         return {
@@ -84,7 +90,11 @@ class Options:
 def plan_scene(outline: Outline, options: Options) -> Graph:
     """What would run, what is left out, and why."""
     more = [record for on, record in ((options.composite, composite.record), (options.lit, lit.record)) if on]
-    return plan(outline, options.chosen(), *more, sources=options.sources())
+    lamps = None
+    if options.lights is not None:
+        lights = enumerate(outline.lights)
+        lamps = tuple(index for index, light in lights if options.wants(light.name, light.pass_name))
+    return plan(outline, options.chosen(), *more, sources=options.sources(), lamps=lamps)
 
 
 def sampling_of(outline: Outline, options: Options) -> Sampling:

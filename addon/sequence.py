@@ -102,11 +102,16 @@ class _Candidates:
         from .scene.lamp_names import LampNames
 
         scene, view_layer = depsgraph.scene, depsgraph.view_layer
-        lamps = [n for n in LampNames().standing(view_layer) if not changing.is_surely_hidden(n.path)]
+        lamps = [
+            named
+            for named in LampNames().standing(view_layer)
+            if options.wants(named.name, named.pass_name) and not changing.is_surely_hidden(named.path)
+        ]
         waiting = {
             layer_name(kind.title, lamp): (effect, kind, lamp)
             for effect in options.chosen()
             for kind in effect.layers
+            if kind.per_light or options.lights is None
             for lamp in ([named.pass_name for named in lamps] if kind.per_light else [""])
         }
         still = frozenset(n.pass_name for n in lamps if not changing.is_animated(n.lamp.data))

@@ -33,6 +33,14 @@ class Placeholder:
     def is_numbered(self) -> bool:
         return "#" in Path(self.text).name
 
+    def beside(self, folder: Path | None) -> Placeholder:
+        """With `//` at its start, as Blender means it: the .blend's folder, None where it was never saved."""
+        if not self.text.startswith("//"):
+            return self
+        if folder is None:
+            raise StrataError(f"'{self.text}' is beside the Blender file, which was never saved")
+        return Placeholder(str(folder / self.text.lstrip("/")))
+
     def path(self, frame: int) -> Path:
         """The last run of `#` becomes the frame number, padded with zeros to the run's length."""
         path = Path(self.text)
@@ -162,6 +170,7 @@ def _scene_flags(needs_scene: bool) -> argparse.ArgumentParser:
     )
     flags.add_argument("--scene", metavar="S", help="default: the file's active scene")
     flags.add_argument("--view-layer", metavar="V", help="default: the scene's first that renders")
+    flags.add_argument("--lights", type=names, metavar="A,B", help="only these lamps' layers")
     flags.add_argument("--camera", metavar="C", help="default: the scene's camera")
     flags.add_argument("--size", type=size, metavar="960x540", help="default: the scene's")
     flags.add_argument("--set", type=setting, action="append", default=[], metavar="EFFECT.PARAMETER=VALUE",

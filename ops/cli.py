@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
+from pathlib import Path
 from typing import Any, TextIO
 
 from ..addon.core.effect import Effect
@@ -62,7 +63,8 @@ def _effects(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts)
         print(json.dumps([describe(effect) for effect in EFFECTS], indent=1), file=out)
         return OK
     for effect in EFFECTS:
-        print(f"{effect.id}: {effect.doc}", file=out)
+        default = "on" if effect.on_by_default else "off"
+        print(f"{effect.id} ({default} by default): {effect.doc}", file=out)
         for spec in effect.params.specs():
             print(f"  {effect.id}.{spec.name} = {plain(spec.default)}  {_accepts(spec)}", file=out)
             print(f"      {spec.doc}", file=out)
@@ -90,6 +92,7 @@ def describe(effect: Effect) -> dict[str, Any]:
         for spec in effect.params.specs()
     ]
     declared = {"id": effect.id, "title": effect.title, "doc": effect.doc, "source": effect.source}
+    declared["on_by_default"] = effect.on_by_default
     return {**declared, "layers": layers, "params": params}
 
 
@@ -137,6 +140,14 @@ def _open(arguments: argparse.Namespace, interrupts: Interrupts):
     return choose(arguments.scene, arguments.view_layer, arguments.camera, frames)
 
 
+def _lights(arguments: argparse.Namespace, chosen) -> tuple[str, ...] | None:
+    from ..addon.scene.lamp_names import LampNames
+
+    if arguments.lights is None:
+        return None
+    return LampNames().chosen(arguments.lights, chosen.scene, chosen.view_layer)
+
+
 def _camera(chosen):
     import bpy
 
@@ -152,6 +163,7 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     Options(**given).chosen()  # wrong words are found before a large file is opened
     with _properties():
         chosen = _open(arguments, interrupts)
+        given["lights"] = _lights(arguments, chosen)
         where, camera = (chosen.scene, chosen.view_layer, partial(options_of, **given)), _camera(chosen)
         sequence = _sequence(arguments, chosen, where[2], interrupts)
         plans = []
@@ -206,12 +218,18 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     # What can be wrong is found before a large file is opened, and long before the work is done.
     Options(**{name: value for name, value in given.items() if value is not None}).chosen()
     frames = arguments.frames or (0,)
+    folder = _folder_of_scene(arguments)
+    arguments.output = arguments.output.beside(folder)
+    arguments.report = arguments.report and arguments.report.beside(folder)
     check_outputs(arguments, frames)
     _check_targets(arguments, frames)
     with _properties():
         chosen = _open(arguments, interrupts)
         arguments.exr = exr_of(chosen.scene, **exr_values(arguments))
         check_codec(arguments.exr)
+        given["lights"] = _lights(arguments, chosen)
+        if arguments.lights and arguments.exr.composite:
+            raise StrataError("--lights: the composite needs every lamp")
         given["composite"] = arguments.exr.composite or None
         asked = partial(options_of, **given)
         if (outside := chosen.outside(chosen.frames)) and not arguments.quiet:
@@ -232,6 +250,14 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
         which = ", ".join(map(str, failed[:MOST_NAMED])) + (", ..." if len(failed) > MOST_NAMED else "")
         raise StrataError(f"{len(failed)} of {len(chosen.frames)} frames failed: {which}")
     return OK
+
+
+def _folder_of_scene(arguments: argparse.Namespace) -> Path | None:
+    if arguments.scene_file:
+        return Path(arguments.scene_file).absolute().parent
+    import bpy
+
+    return Path(bpy.data.filepath).parent if bpy.data.filepath else None
 
 
 def _check_targets(arguments: argparse.Namespace, frames: tuple[int, ...]) -> None:

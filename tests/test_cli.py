@@ -92,7 +92,8 @@ def test_frame_numbers_in_names(text, frame, expected):
         ("paint", "invalid choice"),
         ("bake SCENE", "-o"),
         ("bake SCENE -o OUT/x.png", "does not end in .exr"),
-        ("bake SCENE -o OUT/none/x.exr", "does not exist"),
+        ("bake SCENE -o SCENE/x.exr", "is not a folder"),
+        ("bake SCENE -o OUT/x.exr --lights Nope", "no lamp 'Nope'"),
         ("bake SCENE -o OUT/x.exr --backend tpu", "tpu"),
         ("bake SCENE -o OUT/x.exr --size 5", "960x540"),
         ("bake SCENE -o OUT/x.exr --samples 0", "1 to 4096"),
@@ -110,7 +111,7 @@ def test_frame_numbers_in_names(text, frame, expected):
         ("bake SCENE -o OUT/#.exr --frames 1-2 --report OUT/x.json", "####"),
         ("bake SCENE -o OUT/x.exr --report OUT/x.exr", "another file"),
         ("bake SCENE -o OUT/x.exr --report SCENE", "another file"),
-        ("bake SCENE -o OUT/x.exr --report OUT/none/x.json", "does not exist"),
+        ("bake SCENE -o OUT/x.exr --report SCENE/x.json", "is not a folder"),
         ("bake OUT/none.blend -o OUT/x.exr", "cannot read"),
         ("bake OUT -o OUT/x.exr", "cannot read"),
         ("bake SCENE -o OUT/x.exr --scene Other", "no scene 'Other'"),
@@ -151,6 +152,8 @@ def test_effects_tell_every_parameter(capfd):
         assert effect.params.checked(effect.id, defaults) == effect.params()
     assert main(["effects"]) == 0
     text = capfd.readouterr().out
+    assert "soft_shadow (on by default)" in text
+    assert "toon (off by default)" in text
     assert all(f"{effect.id}.{spec.name} =" in text for effect in EFFECTS for spec in effect.params.specs())
 
 

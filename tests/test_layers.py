@@ -183,7 +183,6 @@ def test_interrupt_leaves_nothing(tmp_path):
 def test_hopeless_targets_are_refused_before_the_work(tmp_path):
     (tmp_path / "folder.exr").mkdir()
     for path, reason in (
-        (tmp_path / "none" / "out.exr", "does not exist"),
         (tmp_path / "folder.exr", "is a folder"),
         ("/dev/null", "not a regular file"),
     ):
@@ -330,3 +329,14 @@ def test_contact_sheet_multiplies_each_light_by_its_own_shadow(tmp_path):
     with Image.open(path) as sheet:
         assert sheet.width == 1600
         assert sheet.getextrema()[0][1] > 200  # the lit image is there, and bright
+
+
+def test_folders_are_made_and_taken_away_where_writing_fails(tmp_path):
+    with replaced(tmp_path / "a" / "b" / "x.bin") as stream:
+        stream.write(b"x")
+    assert (tmp_path / "a" / "b" / "x.bin").read_bytes() == b"x"
+    with pytest.raises(KeyboardInterrupt), replaced(tmp_path / "a" / "c" / "d" / "x.bin"):
+        raise KeyboardInterrupt
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["b"]
+    with pytest.raises(StrataError, match="is not a folder"):
+        check_writable(tmp_path / "a" / "b" / "x.bin" / "y.bin")

@@ -309,3 +309,52 @@ def test_another_scene_is_evaluated_at_its_own_frame(scene, tmp_path):
 def test_sample_blends_animation_is_the_same_whatever_is_asked_first():
     open_blend(os.path.join(os.path.dirname(__file__), "..", "sample_blends", "animated.blend"))
     assert names_of(bpy.context.scene, (1, 5, 10)) == ["Soft Shadow Moving panel"]
+
+
+def test_only_the_layers_of_named_lamps(scene, tmp_path):
+    lamp("Torch")
+    lamp("Lamp.001", place=(-2, 1, 4))
+    scene.strata.toon.enabled = True
+    blend = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
+    words = ("--lights", "Lamp.001, Key", "--effects", "soft_shadow,toon")
+    strata("bake", blend, "-o", tmp_path / "few.exr", *words, *QUICK)
+    few = read_layers(tmp_path / "few.exr").layers
+    assert [layer.name for layer in few] == ["Soft Shadow Key", "Soft Shadow Lamp_001"]
+    strata("bake", blend, "-o", tmp_path / "all.exr", "--effects", "soft_shadow,toon", *QUICK)
+    everything = {layer.name: layer.pixels for layer in read_layers(tmp_path / "all.exr").layers}
+    assert len(everything) > 3
+    for layer in few:
+        np.testing.assert_array_equal(layer.pixels, everything[layer.name])
+    plan = json.loads(strata("plan", blend, "--lights", "Torch", "--json").stdout)
+    assert [layer["name"] for layer in plan["layers"]] == ["Soft Shadow Torch"]
+    for command in (("plan", blend), ("bake", blend, "-o", tmp_path / "x.exr")):
+        error = strata(*command, "--lights", "Key,Nope", check=2).stderr
+        assert error == "strata: --lights: there is no lamp 'Nope' (there is 'Key', 'Lamp.001', 'Torch')\n"
+    assert sorted(os.listdir(tmp_path)) == ["all.exr", "few.exr", "scene.blend"]
+
+
+def test_named_lamps_of_a_sequence(scene):
+    keyed(lamp("Torch").data, "energy", f1=0.0, f3=100.0)
+    assert names_of(scene, (1, 3), lights=("Torch",)) == ["Soft Shadow Torch"]
+
+
+def test_folders_are_made_and_slashes_are_beside_the_blend(scene, tmp_path):
+    (tmp_path / "a").mkdir()
+    blend = tmp_path / "a" / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
+    words = ("-o", "//deep/er/o_#.exr", "--report", "//reports/o.json", "--frames", "2", *QUICK)
+    strata("bake", blend, *words)
+    assert (tmp_path / "a" / "deep" / "er" / "o_2.exr").is_file()
+    assert json.loads((tmp_path / "a" / "reports" / "o.json").read_text())["frame"] == 2
+    # Nothing of it where nothing is baked, or the bake fails.
+    strata("bake", blend, "-o", tmp_path / "none" / "x.exr", "--effects", "volumetric_light", *QUICK)
+    scene.camera.data.type = "PANO"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
+    strata("bake", blend, "-o", tmp_path / "none" / "x.exr", *QUICK, check=2)
+    assert os.listdir(tmp_path) == ["a"]
+    scene.camera = None
+    bpy.data.scenes.new("Other").camera = bpy.data.objects["Camera"]
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
+    error = strata("bake", blend, "-o", tmp_path / "x.exr", check=2).stderr
+    assert error == "strata: scene 'Scene' has no camera; --scene: 'Other' has one\n"

@@ -18,8 +18,16 @@ NEEDED_FOR = {"shading_normal": "corner_normals", "uv": "uv"}
 class Recorder:
     """Collects the steps of all effects into one graph; equal nodes are one node."""
 
-    def __init__(self, outline: Outline, sources: dict[str, tuple[Callable, Any]] | None = None):
+    def __init__(
+        self,
+        outline: Outline,
+        sources: dict[str, tuple[Callable, Any]] | None = None,
+        lamps: tuple[int, ...] | None = None,
+    ):
         self.outline = outline
+        # Of which lights to record layers, by index; where it is not all, other layers are not wanted at all.
+        self.lamps = tuple(range(len(outline.lights))) if lamps is None else lamps
+        self._wants_others = lamps is None
         self._sources = sources or {}
         self.effect: Effect | None = None  # whose steps are being recorded
         self.params: Params | None = None  # that effect's
@@ -80,6 +88,8 @@ class Recorder:
         casters: frozenset[int] = frozenset(),
     ) -> None:
         """Declares an image made by `node`; `casters` are the instances that its reference has to trace."""
+        if self.effect and not (self._wants_others if light_index is None else light_index in self.lamps):
+            return
         self.reads_instances(casters)
         light, lamp = "", ""
         if light_index is not None:
@@ -120,15 +130,19 @@ def plan(
     effects: dict[Effect, Params],
     *more: Callable,
     sources: dict[str, tuple[Callable, Params]] | None = None,
+    lamps: tuple[int, ...] | None = None,
 ) -> Graph:
     """Records every effect that the scene needs; `effects` maps each to its parameters. Each of `more`,
     called with recorder and outline, may record more, after them and for no effect. `sources`: what effects
-    offer to others (`Effect.sources`), each with its parameters."""
-    recorder = Recorder(outline, sources)
+    offer to others (`Effect.sources`), each with its parameters. `lamps`: indices of the only lights whose
+    layers are wanted, and no other layers; None: all."""
+    recorder = Recorder(outline, sources, lamps)
     for effect, params in effects.items():
         recorder.effect, recorder.params = effect, params
         if reason := effect.needed(outline):
             recorder.left_out(effect.id, reason)
+        elif lamps is not None and not any(kind.per_light for kind in effect.layers):
+            recorder.left_out(effect.id, "only lamps' layers were asked for")
         else:
             effect.run(recorder, outline, params)
     recorder.effect = recorder.params = None

@@ -4,12 +4,14 @@ frame, on every machine, in a bake, in the render engine and in compositor nodes
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import bpy
 
+from ..core.errors import StrataError
 from ..core.naming import hashed, is_short, pass_safe
+from .render_depsgraph import with_render_depsgraph
 
 DEEPEST = 8  # levels of collection instances in one another; Blender itself stops there
 _NO_NUMBER = 2**31 - 1
@@ -96,11 +98,36 @@ class LampNames:
             if named.outermost.session_uid in objects:
                 yield named
 
+    def chosen(
+        self, names: Iterable[str], scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer
+    ) -> tuple[str, ...]:
+        """Pass names of the lamps of a view layer that are called so: by their own name, with those of their
+        instancers or as the pass is. Raises StrataError for a name that no lamp has."""
+        lamps = list(self.standing(view_layer))
+        called = _by_name(lamps)
+        if any(name not in called for name in names):
+            lamps += with_render_depsgraph(scene, view_layer, lambda depsgraph: list(self.shown(depsgraph)))
+            called = _by_name(lamps)
+        for name in names:
+            if name not in called:
+                known = ", ".join(sorted({f"'{named.name}'" for named in lamps})) or "none"
+                raise StrataError(f"--lights: there is no lamp '{name}' (there is {known})")
+        return tuple(dict.fromkeys(found for name in names for found in called[name]))
+
     def shown(self, depsgraph: bpy.types.Depsgraph) -> Iterator[NamedLamp]:
         """Those that a depsgraph shows."""
         for instance in depsgraph.object_instances:
             if instance.object.type == "LIGHT":
                 yield self.of(instance)
+
+
+def _by_name(lamps: Iterable[NamedLamp]) -> dict[str, list[str]]:
+    """Pass names by all that a lamp can be called."""
+    called: dict[str, list[str]] = {}
+    for named in lamps:
+        for name in {named.lamp.name, named.name, named.pass_name}:
+            called.setdefault(name, []).append(named.pass_name)
+    return called
 
 
 def _is_collection_instance(thing: bpy.types.Object) -> bool:

@@ -18,6 +18,7 @@ from .lights import light_of
 from .materials import Images, default_material, material_of
 from .own_settings import own_settings_of
 from .render_depsgraph import engine_of
+from .simulations import unbaked_simulations
 from .stamp import stamp_of
 from .transforms import are_usable
 from .volumes import volume_of
@@ -104,6 +105,9 @@ class _Scanner:
                 self._light(instance, shown)
             elif shown.type in _NOT_READ:
                 self._warn(f"object '{shown.name}': {_NOT_READ[shown.type]} not read")
+        if self.depsgraph.mode == "RENDER":
+            for warning in unbaked_simulations(self.depsgraph):
+                self._warn(warning)
         world, world_medium = scene.world, None
         if world is not None and world.node_tree is not None:
             world_medium, warnings = volume_of(world.node_tree, f"world '{world.name}'")

@@ -38,7 +38,7 @@ def run(recorder: Recorder, outline: Outline, params: SoftShadowParams) -> None:
     """One layer for each light whose shadow falls in view."""
     from . import EFFECT
 
-    for index in range(len(outline.lights)):
+    for index in recorder.lamps:
         if shadow := visibility(recorder, outline, params, index):
             node, casters = shadow
             recorder.layer(EFFECT.layers[0], node, index, casters)

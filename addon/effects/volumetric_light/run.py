@@ -66,7 +66,8 @@ def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> 
     stride = params.scale.stride
     if not any(fill.medium.scattering):
         recorder.left_out("volumetric_light scattering", "the medium only absorbs")
-    for index, light in enumerate(outline.lights):
+    for index in recorder.lamps:
+        light = outline.lights[index]
         if not any(fill.medium.scattering):
             break
         if reason := _unneeded(light, region):
