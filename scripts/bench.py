@@ -10,7 +10,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from benchmark import goals, idle, machine, passes, race, scenes, toon, volumetric
+from benchmark import files, goals, idle, machine, passes, race, scenes, toon, volumetric
 from benchmark.document import ROOT, milliseconds, significant, write_block
 from benchmark.methods import Effect, Rays, surface_of
 from benchmark.sections import read_sections
@@ -71,6 +71,11 @@ def run_volumetric(folder: Path, quick: bool) -> str:
     return f"{volumetric.open_integral()}\n\n{marched}\n\n{raced}"
 
 
+def run_files(folder: Path, quick: bool) -> str:
+    """Seconds and sizes of EXR files."""
+    return files.run(folder, *(((240, 135), 1) if quick else ((3840, 2160), 3)))
+
+
 SECTIONS = {
     "race": run_race,
     "passes": run_passes,
@@ -78,6 +83,7 @@ SECTIONS = {
     "idle": run_idle,
     "volumetric": run_volumetric,
     "toon": run_toon,
+    "files": run_files,
 }
 
 

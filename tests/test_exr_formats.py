@@ -12,11 +12,14 @@ import bpy
 import numpy as np
 import OpenEXR
 import pytest
+import strata
+from conftest import SAMPLES
 from strata.addon.core.errors import StrataError
 from strata.addon.core.layers import Layer, LayerSet
 from strata.addon.layers import openimageio
 from strata.addon.layers.exr import LARGEST_HALF, write_layers
 from strata.addon.layers.exr_params import ExrParams
+from strata.addon.scene.open import open_blend
 from test_layers import compositor_passes, largest_file
 
 HEIGHT, WIDTH = 70, 90  # several blocks of both codecs, the last one short
@@ -184,3 +187,21 @@ def test_values_reach_the_compositor(tmp_path):
         seen = next(iter(file.channels().values())).pixels[::-1, :, 0]
     bpy.data.scenes.remove(scene)
     np.testing.assert_allclose(seen, ours.layers[0].pixels, rtol=0, atol=2.0**-12)
+
+
+def test_the_scenes_settings_reach_the_file(tmp_path):
+    strata.register()
+    open_blend(SAMPLES / "stacked.blend")
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
+    scene.strata.backend, scene.strata.samples, scene.strata.probes = "cpu", 1, 0
+    exr, scene.strata.save_to = scene.strata.exr, "FILE"
+    exr.parts, exr.depth, exr.codec, exr.composite = "single", "half", "dwaa", True
+    assert bpy.ops.strata.bake(filepath=str(tmp_path / "out.exr")) == {"FINISHED"}
+    strata.unregister()
+    with OpenEXR.File(str(tmp_path / "out.exr"), separate_channels=True) as file:
+        (part,) = file.parts
+        assert part.header["compression"] == OpenEXR.DWAA_COMPRESSION
+        red = part.channels["ViewLayer.Combined.R"].pixels
+        assert red.dtype == np.float16
+        assert red.max() > 0.01
