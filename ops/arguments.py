@@ -88,6 +88,14 @@ def whole_number(low: int, high: int):
     return parse
 
 
+def memory(text: str) -> int:
+    """`4G`, `512M`, `1.5G` in bytes; `0` for automatic."""
+    match = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)([KMGT])B?|0", text.strip(), re.IGNORECASE)
+    if not match:
+        raise argparse.ArgumentTypeError(f"'{text}' is no memory like 4G or 512M")
+    return round(float(match[1]) * 1000 ** " KMGT".index(match[2].upper())) if match[1] else 0
+
+
 def names(text: str) -> tuple[str, ...]:
     """`a,b`; in order, each once."""
     found = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
@@ -173,6 +181,8 @@ def _scene_flags(needs_scene: bool) -> argparse.ArgumentParser:
     flags.add_argument("--lights", type=names, metavar="A,B", help="only these lamps' layers")
     flags.add_argument("--camera", metavar="C", help="default: the scene's camera")
     flags.add_argument("--size", type=size, metavar="960x540", help="default: the scene's")
+    flags.add_argument("--memory", type=memory, metavar="4G",
+                       help="what a bake may take beside Blender itself (default: the scene's)")  # fmt: skip
     flags.add_argument("--set", type=setting, action="append", default=[], metavar="EFFECT.PARAMETER=VALUE",
                        help="may be given several times; goes over what the scene has set")  # fmt: skip
     return flags

@@ -135,7 +135,7 @@ class STRATA_OT_bake(bpy.types.Operator):
             self.report({"WARNING"}, warning)
         if self._wants_images:
             make_images(baked.layers)
-        STATE.show_plan(self._scene_id, self._job.graph)
+        STATE.show_plan(self._scene_id, self._job.graph, self._job.memory)
         STATE.show_report(self._scene_id, baked.layers.report)
         where = f" to {self._path}" if self._path else ""
         seconds = baked.layers.report["seconds"]
@@ -180,8 +180,8 @@ class STRATA_OT_plan(bpy.types.Operator):
 
     @reported
     def execute(self, context):
-        _, graph = read_plan(context.scene, context.view_layer, options_of)
-        STATE.show_plan(context.scene.session_uid, graph)
+        _, graph, memory = read_plan(context.scene, context.view_layer, options_of)
+        STATE.show_plan(context.scene.session_uid, graph, memory)
         _redraw(context)
         return {"FINISHED"}
 

@@ -161,6 +161,7 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
 
     given = {"effects": arguments.effects, "values": nested(arguments.set)}
     Options(**given).chosen()  # wrong words are found before a large file is opened
+    given["memory_bytes"] = arguments.memory
     with _properties():
         chosen = _open(arguments, interrupts)
         given["lights"] = _lights(arguments, chosen)
@@ -214,7 +215,7 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     from ..addon.ui.properties import exr_of, options_of
 
     given = {name: getattr(arguments, name) for name in ("effects", "backend", "samples", "probes", "seed")}
-    given["values"] = nested(arguments.set)
+    given |= {"values": nested(arguments.set), "memory_bytes": arguments.memory}
     # What can be wrong is found before a large file is opened, and long before the work is done.
     Options(**{name: value for name, value in given.items() if value is not None}).chosen()
     frames = arguments.frames or (0,)

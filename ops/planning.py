@@ -6,8 +6,10 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
 from typing import Any
 
-from ..addon.bake import Options, plan_scene
+from ..addon.bake import Options, groups_of, plan_scene
+from ..addon.core.free_memory import held_bytes
 from ..addon.core.graph import Graph
+from ..addon.core.memory import MemoryEstimate
 from ..addon.core.outline import Outline
 from ..addon.core.sequence import SequenceLayer, with_neutral
 
@@ -19,9 +21,9 @@ def read_plan(
     frame: int | None = None,
     camera=None,
     size=None,
-) -> tuple[Outline, Graph]:
-    """Scans the scene as F12 would see it and plans; extracts nothing. As `read_job`, only on the main
-    thread."""
+) -> tuple[Outline, Graph, MemoryEstimate]:
+    """Scans the scene as F12 would see it and plans, and says what baking that takes; extracts nothing. As
+    `read_job`, only on the main thread. A bake's closer look may yet leave out layers."""
     from ..addon.scene.render_depsgraph import with_render_depsgraph
     from ..addon.scene.scan import ScanOptions, scan
 
@@ -31,11 +33,16 @@ def read_plan(
         return scan(depsgraph, how).outline, options_of(depsgraph.scene_eval)
 
     outline, options = with_render_depsgraph(scene, view_layer, look, frame, camera)
-    return outline, plan_scene(outline, options)
+    graph = plan_scene(outline, options)
+    return outline, graph, groups_of(outline, graph, options, held_bytes())[1]
 
 
 def described_plan(
-    outline: Outline, graph: Graph, sequence: Iterable[SequenceLayer] = (), warnings: Iterable[str] = ()
+    outline: Outline,
+    graph: Graph,
+    memory: MemoryEstimate,
+    sequence: Iterable[SequenceLayer] = (),
+    warnings: Iterable[str] = (),
 ) -> dict[str, Any]:
     """A plan as plain values; a layer's steps in the order they run, each name once. `sequence`: layers that
     the frame's file has besides, with their neutral value."""
@@ -72,7 +79,8 @@ def described_plan(
         "instances_read": len(graph.instances),
         "instances": len(outline.instances),
         "left_out": [asdict(entry) for entry in graph.left_out],
-        "warnings": [*warnings, *outline.warnings],
+        "warnings": [*warnings, *outline.warnings, *([memory.shortage] if memory.shortage else [])],
+        "memory": {"sentence": memory.sentence, **memory.to_json()},
     }
 
 
@@ -83,6 +91,8 @@ def plan_lines(plan: dict[str, Any]) -> Iterator[str]:
             yield f"{layer['name']}: {' > '.join(layer['steps'])}"
     for entry in plan["left_out"]:
         yield f"left out: {entry['what']}: {entry['reason']}"
+    if plan["layers"]:
+        yield plan["memory"]["sentence"]
     for warning in plan["warnings"]:
         yield f"warning: {warning}"
 

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from .device import Device
-from .errors import Cancelled
+from .errors import Cancelled, StrataError
 from .graph import Graph, Node, PlannedLayer
 from .metrics import antialiasing_error
 from .sampling import Sampling
@@ -53,10 +53,14 @@ class Execution:
 
     def begin(self, layer: PlannedLayer, shape: tuple[int, ...], samples: int) -> None:
         """Makes room for a layer, unless it is a sum that has begun. `shape`: (height, width[, channels])."""
-        if layer.name not in self.images:
+        if layer.name in self.images:
+            return
+        try:
             self.images[layer.name] = np.zeros(shape, np.float32)
             if samples > 1 and layer.effect:
                 self.squares[layer.name] = np.zeros(shape, np.float32)
+        except MemoryError as error:
+            raise StrataError(f"not enough memory for layer '{layer.name}': {error}") from error
 
     def add(self, layer: PlannedLayer, rows: slice, tile: np.ndarray) -> None:
         """One sample of some rows."""
@@ -338,6 +342,9 @@ class Executor:
             device.finish()
         except device.cancelled:
             raise Cancelled() from None
+        except MemoryError as error:
+            whose = f" for {node.instance}" if node.instance else ""
+            raise StrataError(f"not enough memory for step '{node.step.name}'{whose}: {error}") from error
         except Exception as error:
             if device is self.fallback or not node.step.twin(self.fallback.name):
                 raise

@@ -54,14 +54,14 @@ class MemoryEstimate:
         if self.needed <= self.budget:
             return None
         return (
-            f"memory: the bake takes about {gigabytes(self.needed)}, its budget is {gigabytes(self.budget)}; "
-            "it goes on with as few layers at a time as it can"
+            f"memory: the bake takes about {gigabytes(self.needed)}, over its budget of "
+            f"{gigabytes(self.budget)}, with as few layers at a time as it can"
         )
 
     @property
     def sentence(self) -> str:
         """For a person, in one line."""
-        line = f"about {gigabytes(self.total)}, of which layers {gigabytes(self.layers)}"
+        line = f"memory: about {gigabytes(self.total)}, of which layers {gigabytes(self.layers)}"
         return line + (f"; worked off in {self.groups} groups of lamps" if self.groups > 1 else "")
 
     def to_json(self) -> dict[str, int]:

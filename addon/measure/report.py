@@ -247,7 +247,7 @@ def format_table(report: Report) -> str:
         f"time     {_seconds(report.seconds)} in all"
         + (f", of which {_seconds(report.compile_seconds)} compiling" if report.compile_seconds else "")
         + (f"; peak memory {report.peak_mb} MB" if report.peak_mb else ""),
-        *([f"memory   {report.memory.sentence}"] if report.memory else []),
+        *([report.memory.sentence.replace("memory: ", "memory   ")] if report.memory else []),
         "",
         *columns(
             ["layer", "seconds", "error", "95% interval", "99% below", "max", "metric"], _layer_rows(report)

@@ -97,8 +97,10 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
     settings = context.scene.strata
     column = layout.column()
     column.active = not STATE.is_baking
-    for name in ("backend", "samples", "probes"):
+    for name in ("backend", "samples", "probes", "memory_gb"):
         column.prop(settings, name)
+    if memory := STATE.memory.get(context.scene.session_uid):
+        text(column, context, memory.shortage or memory.sentence, "MEMORY")
     column.separator()
     column.prop(settings, "save_to")
     if settings.save_to != "IMAGES":

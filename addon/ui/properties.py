@@ -53,6 +53,7 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
         "samples": settings.samples,
         # Only a number that somebody set is kept whatever it takes.
         "probes": settings.probes if settings.is_property_set("probes") else None,
+        "memory_bytes": round(settings.memory_gb * 1e9),
     }
     return Options(values=values, **options | {k: v for k, v in overrides.items() if v is not None})
 
@@ -190,6 +191,12 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
             description="Surface points that each layer's error is measured at; 0 measures nothing. "
             "Until it is set, at most 2048, and so few that measuring takes 15% of a bake",
             default=2048, min=0, max=1 << 20, soft_max=16384,
+        ),
+        "memory_gb": bpy.props.FloatProperty(
+            name="Memory",
+            description="What a bake may take beside Blender itself, GB. Lamps are worked off in groups that "
+            "fit. 0: half of what is free, or less where more is of no use",
+            default=0.0, min=0.0, max=1e6, soft_max=64.0, precision=1,
         ),
         "save_to": bpy.props.EnumProperty(
             name="Save To",

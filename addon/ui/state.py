@@ -42,12 +42,16 @@ class State:
     share: float = 0.0
     doing: str = ""
     plans: dict[int, tuple[PlanRow, ...]] = field(default_factory=dict)
+    memory: dict[int, Any] = field(default_factory=dict)
     reports: dict[int, dict[str, Any]] = field(default_factory=dict)
     marks: dict[int, dict[str, list[Mark]]] = field(default_factory=dict)
     reports_shown: int = 0  # counts up, so that a picture knows that it is old
 
-    def show_plan(self, scene: int, graph) -> None:
-        """Of a `core.graph.Graph`."""
+    def show_plan(self, scene: int, graph, memory=None) -> None:
+        """Of a `core.graph.Graph`, and what baking it takes, a `core.memory.MemoryEstimate`."""
+        self.memory.pop(scene, None)
+        if memory and graph.layers:
+            self.memory[scene] = memory
         kept = [PlanRow(layer.effect, layer.light, layer.name) for layer in graph.layers if layer.effect]
         left_out = [PlanRow(entry.effect, entry.light, entry.what, entry.reason) for entry in graph.left_out]
         self.plans[scene] = (*kept, *left_out)
@@ -63,7 +67,7 @@ class State:
         self.reports_shown += 1
 
     def clear(self) -> None:
-        for shown in (self.plans, self.reports, self.marks):
+        for shown in (self.plans, self.memory, self.reports, self.marks):
             shown.clear()
 
 
