@@ -177,7 +177,7 @@ def _scene_flags(needs_scene: bool) -> argparse.ArgumentParser:
         help="or 1-100x2, 1,4,8-12 (default: the scene's current frame)",
     )
     flags.add_argument("--scene", metavar="S", help="default: the file's active scene")
-    flags.add_argument("--view-layer", metavar="V", help="default: the scene's first that renders")
+    flags.add_argument("--view-layer", metavar="V", help="or all (default: the scene's first that renders)")
     flags.add_argument("--lights", type=names, metavar="A,B", help="only these lamps' layers")
     flags.add_argument("--camera", metavar="C", help="default: the scene's camera")
     flags.add_argument("--size", type=size, metavar="960x540", help="default: the scene's")

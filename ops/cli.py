@@ -145,7 +145,7 @@ def _lights(arguments: argparse.Namespace, chosen) -> tuple[str, ...] | None:
 
     if arguments.lights is None:
         return None
-    return LampNames().chosen(arguments.lights, chosen.scene, chosen.view_layer)
+    return LampNames().chosen(arguments.lights, chosen.scene, chosen.view_layers)
 
 
 def _camera(chosen):
@@ -165,28 +165,29 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     with _properties():
         chosen = _open(arguments, interrupts)
         given["lights"] = _lights(arguments, chosen)
-        where, camera = (chosen.scene, chosen.view_layer, partial(options_of, **given)), _camera(chosen)
-        sequence = _sequence(arguments, chosen, where[2], interrupts)
+        asked, camera = partial(options_of, **given), _camera(chosen)
+        sequences = _sequences(arguments, chosen, asked, interrupts)
         plans = []
         for frame in chosen.frames:
-            interrupts.check()
-            read = read_plan(*where, frame, camera, arguments.size)
-            warnings = filter(None, [chosen.outside([frame])])
-            plans.append(described_plan(*read, sequence or (), warnings))
+            warnings = list(filter(None, [chosen.outside([frame])]))
+            for view_layer in chosen.view_layers:
+                interrupts.check()
+                read = read_plan(chosen.scene, view_layer, asked, frame, camera, arguments.size)
+                plans.append(described_plan(*read, sequences[view_layer.name], warnings))
+    several = arguments.frames or len(plans) > 1
     if arguments.json:
-        told = plans if arguments.frames else plans[0]
-        print(json.dumps(told, indent=1, ensure_ascii=False), file=out)
+        print(json.dumps(plans if several else plans[0], indent=1, ensure_ascii=False), file=out)
         return OK
     for plan in plans:
-        if arguments.frames:
-            print(f"frame {plan['frame']}", file=out)
+        if several:
+            print(f"frame {plan['frame']}, view layer {plan['view_layer']}", file=out)
         for line in plan_lines(plan):
             print(line, file=out)
     return OK
 
 
-def _sequence(arguments: argparse.Namespace, chosen, options_of, interrupts: Interrupts):
-    """The layers that every file has, or None where each frame's own do."""
+def _sequences(arguments: argparse.Namespace, chosen, options_of, interrupts: Interrupts) -> dict:
+    """The layers that every file has, by view layer's name; none where each frame's own do."""
     from ..addon.sequence import sequence_layers
 
     progress = Progress(sys.stderr, f"scene {chosen.scene.name}", getattr(arguments, "quiet", False))
@@ -195,16 +196,12 @@ def _sequence(arguments: argparse.Namespace, chosen, options_of, interrupts: Int
         interrupts.check()
         progress.show(share, stage)
 
+    where = options_of, chosen.frames, _camera(chosen), arguments.size, show
     try:
-        return sequence_layers(
-            chosen.scene,
-            chosen.view_layer,
-            options_of,
-            chosen.frames,
-            _camera(chosen),
-            arguments.size,
-            show,
-        )
+        return {
+            view_layer.name: sequence_layers(chosen.scene, view_layer, *where) or ()
+            for view_layer in chosen.view_layers
+        }
     finally:
         progress.clear()
 
@@ -235,11 +232,11 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
         asked = partial(options_of, **given)
         if (outside := chosen.outside(chosen.frames)) and not arguments.quiet:
             print(f"strata: {outside}", file=sys.stderr, flush=True)
-        sequence = _sequence(arguments, chosen, asked, interrupts) or ()
+        sequences = _sequences(arguments, chosen, asked, interrupts)
         failed = []
         for frame in chosen.frames:
             try:
-                _bake_frame(arguments, chosen, frame, asked, sequence, out, interrupts)
+                _bake_frame(arguments, chosen, frame, asked, sequences, out, interrupts)
             except (KeyboardInterrupt, Cancelled, BrokenPipeError):
                 raise
             except BaseException as error:
@@ -275,53 +272,75 @@ def _bake_frame(
     chosen,
     frame: int,
     options_of,
-    sequence,
+    sequences: dict,
     out: TextIO,
     interrupts: Interrupts,
 ) -> None:
-    from ..addon.bake import read_job
-    from ..addon.job import run_to_end
     from ..addon.measure.report import format_table
-    from .planning import nothing_to_bake
 
-    where = chosen.scene, chosen.view_layer, options_of, frame, _camera(chosen), arguments.size
-    job = read_job(*where, sequence=sequence, warnings=[*filter(None, [chosen.outside([frame])])])
-    if reason := nothing_to_bake(job.graph, sequence):
-        if not arguments.quiet:
-            print(f"strata: frame {frame}: {reason}", file=sys.stderr)
+    bakes = []
+    for view_layer in chosen.view_layers:
+        title = f"frame {frame}" + (f", {view_layer.name}" if len(chosen.view_layers) > 1 else "")
+        baked = _bake_view_layer(
+            arguments, chosen, view_layer, frame, title, options_of, sequences[view_layer.name], interrupts
+        )
+        if baked is not None:
+            bakes.append(baked)
+    if not bakes:
         return
-    progress = Progress(sys.stderr, f"frame {frame}", arguments.quiet)
-
-    def show(share: float, stage: str) -> None:
-        interrupts.check()
-        progress.show(share, stage)
-
-    try:
-        interrupts.check()
-        baked = run_to_end(job, lambda baked: _write(arguments, frame, baked), show)
-    finally:
-        progress.clear()
-    if reason := nothing_to_bake(job.graph, sequence):  # a closer look may leave out what boxes could not
-        if not arguments.quiet:
-            print(f"strata: frame {frame}: {reason}", file=sys.stderr)
-        return
+    _write(arguments, frame, bakes)
     if not arguments.quiet:
-        print(format_table(baked.report), file=out)
+        for baked in bakes:
+            if len(chosen.view_layers) > 1:
+                print(f"view layer {baked.layers.view_layer}", file=out)
+            print(format_table(baked.report), file=out)
         print(f"wrote {arguments.output.path(frame)}", file=out)
         out.flush()
 
 
-def _write(arguments: argparse.Namespace, frame: int, baked) -> None:
+def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, sequence, interrupts):
+    """What is baked of it, None where there is nothing, which is said."""
+    from ..addon.bake import read_job
+    from ..addon.job import run_to_end
+    from .planning import nothing_to_bake
+
+    where = chosen.scene, view_layer, options_of, frame, _camera(chosen), arguments.size
+    job = read_job(*where, sequence=sequence, warnings=[*filter(None, [chosen.outside([frame])])])
+    baked, reason = None, nothing_to_bake(job.graph, sequence)
+    if reason is None:
+        progress = Progress(sys.stderr, title, arguments.quiet)
+
+        def show(share: float, stage: str) -> None:
+            interrupts.check()
+            progress.show(share, stage)
+
+        try:
+            interrupts.check()
+            baked = run_to_end(job, show=show)
+        finally:
+            progress.clear()
+        reason = nothing_to_bake(job.graph, sequence)  # a closer look may leave out what boxes could not
+    interrupts.check()
+    if reason is None:
+        return baked
+    if not arguments.quiet:
+        print(f"strata: {title}: {reason}", file=sys.stderr)
+    return None
+
+
+def _write(arguments: argparse.Namespace, frame: int, bakes: list) -> None:
     from ..addon.layers.exr import write_layers
     from ..addon.layers.files import replaced
+    from .view_layers import joined
 
-    if not baked.layers.layers:
-        return
-    warnings = write_layers(arguments.output.path(frame), baked.layers, arguments.exr, baked.composite)
+    layers, composite = bakes[0].layers, bakes[0].composite
+    if len(bakes) > 1:
+        layers, composite = joined(bakes), None
+    warnings = write_layers(arguments.output.path(frame), layers, arguments.exr, composite)
     for warning in warnings:
         print(f"strata: frame {frame}: {warning}", file=sys.stderr)
     if arguments.report:
-        report = {**baked.layers.report, "warnings": [*baked.layers.report["warnings"], *warnings]}
+        report = {**layers.report, "warnings": [*layers.report["warnings"], *warnings]}
         text = json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False)
         with replaced(arguments.report.path(frame)) as stream:
             stream.write(text.encode() + b"\n")

@@ -9,6 +9,7 @@ import sys
 
 import bpy
 import numpy as np
+import OpenEXR
 import pytest
 from exr_layers import read_layers
 from scan_scenes import empty_scene
@@ -358,3 +359,34 @@ def test_folders_are_made_and_slashes_are_beside_the_blend(scene, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
     error = strata("bake", blend, "-o", tmp_path / "x.exr", check=2).stderr
     assert error == "strata: scene 'Scene' has no camera; --scene: 'Other' has one\n"
+
+
+def test_all_view_layers_go_into_one_file(scene, tmp_path):
+    keyed(lamp("Torch").data, "energy", f1=0.0, f3=100.0)
+    lamps = bpy.data.collections.new("Lamps")
+    scene.collection.children.link(lamps)
+    lamps.objects.link(bpy.data.objects["Torch"])
+    scene.collection.objects.unlink(bpy.data.objects["Torch"])
+    scene.view_layers.new("Without.lamp").layer_collection.children["Lamps"].exclude = True
+    scene.view_layers.new("Unused").use = False
+    _, found = baked(scene, tmp_path, "--view-layer", "all", "--frames", "1")
+    whole = found[1].report
+    blend = tmp_path / "scene.blend"
+    names = ["ViewLayer.Soft Shadow Key", "ViewLayer.Soft Shadow Torch", "Without.lamp.Soft Shadow Key"]
+    assert [f"{entry['view_layer']}.{entry['name']}" for entry in whole["layers"]] == names
+    strata("bake", blend, "-o", tmp_path / "x.exr", "--view-layer", "all", "--composite", *QUICK)
+    with OpenEXR.File(str(tmp_path / "x.exr")) as file:
+        parts = {part.name() for part in file.parts}
+    composites = {"ViewLayer.Combined", "Without.lamp.Combined"}
+    assert parts == {*names, *composites}
+    for name in ("ViewLayer", "Without.lamp"):
+        strata("bake", blend, "-o", tmp_path / "one.exr", "--view-layer", name, *QUICK)
+        for layer in read_layers(tmp_path / "one.exr").layers:
+            with OpenEXR.File(str(tmp_path / "x.exr"), separate_channels=True) as file:
+                (part,) = (part for part in file.parts if part.name() == f"{name}.{layer.name}")
+                (channel,) = part.channels.values()
+                np.testing.assert_array_equal(channel.pixels[::-1], layer.pixels)
+    plans = json.loads(strata("plan", blend, "--view-layer", "all", "--json").stdout)
+    assert [plan["view_layer"] for plan in plans] == ["ViewLayer", "Without.lamp"]
+    few = json.loads(strata("plan", blend, "--view-layer", "all", "--lights", "Torch", "--json").stdout)
+    assert [[layer["name"] for layer in plan["layers"]] for plan in few] == [["Soft Shadow Torch"], []]

@@ -99,15 +99,16 @@ class LampNames:
                 yield named
 
     def chosen(
-        self, names: Iterable[str], scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer
+        self, names: Iterable[str], scene: bpy.types.Scene, view_layers: Iterable[bpy.types.ViewLayer]
     ) -> tuple[str, ...]:
-        """Pass names of the lamps of a view layer that are called so: by their own name, with those of their
+        """Pass names of the lamps of view layers that are called so: by their own name, with those of their
         instancers or as the pass is. Raises StrataError for a name that no lamp has."""
-        lamps = list(self.standing(view_layer))
+        lamps = [named for view_layer in view_layers for named in self.standing(view_layer)]
         called = _by_name(lamps)
-        if any(name not in called for name in names):
-            lamps += with_render_depsgraph(scene, view_layer, lambda depsgraph: list(self.shown(depsgraph)))
-            called = _by_name(lamps)
+        for view_layer in view_layers:
+            if any(name not in called for name in names):
+                lamps += with_render_depsgraph(scene, view_layer, lambda d: list(self.shown(d)))
+                called = _by_name(lamps)
         for name in names:
             if name not in called:
                 known = ", ".join(sorted({f"'{named.name}'" for named in lamps})) or "none"

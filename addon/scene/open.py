@@ -22,9 +22,14 @@ class Chosen:
     """What to bake; `camera` is a name for `ScanOptions`, None for the scene's own."""
 
     scene: bpy.types.Scene
-    view_layer: bpy.types.ViewLayer
+    view_layers: tuple[bpy.types.ViewLayer, ...]
     camera: str | None
     frames: tuple[int, ...]
+
+    @property
+    def view_layer(self) -> bpy.types.ViewLayer:
+        """The only one, or the first."""
+        return self.view_layers[0]
 
     def outside(self, frames: Iterable[int]) -> str | None:
         """What is to be said of frames outside the scene's range, which are baked all the same."""
@@ -65,21 +70,24 @@ def choose(
     camera: str | None = None,
     frames: Iterable[int] | None = None,
 ) -> Chosen:
-    """Looks names up in the open file. Without them: the active scene, its first view layer that renders, the
-    scene's camera and current frame. Raises StrataError for a name that is not there and a scene without a
-    camera."""
+    """Looks names up in the open file; `view_layer` "all" is every one that renders. Without them: the active
+    scene, its first view layer that renders, the scene's camera and current frame. Raises StrataError for a
+    name that is not there and a scene without a camera."""
     found = bpy.context.scene if scene is None else _named(bpy.data.scenes, scene, "scene", "file")
+    used = tuple(layer for layer in found.view_layers if layer.use) or tuple(found.view_layers[:1])
     if view_layer is None:
-        layer = next((layer for layer in found.view_layers if layer.use), found.view_layers[0])
+        layers = used[:1]
+    elif view_layer == "all" and "all" not in found.view_layers:
+        layers = used
     else:
-        layer = _named(found.view_layers, view_layer, "view layer", f"scene '{found.name}'")
+        layers = (_named(found.view_layers, view_layer, "view layer", f"scene '{found.name}'"),)
     if camera is not None:
         shown = _named(bpy.data.objects, camera, "camera", "file")
         if shown.type != "CAMERA":
             raise StrataError(f"'{camera}' is not a camera")
     elif found.camera is None and not any(marker.camera for marker in found.timeline_markers):
         raise StrataError(f"scene '{found.name}' has no camera{_with_camera()}")
-    return Chosen(found, layer, camera, tuple(frames or (found.frame_current,)))
+    return Chosen(found, layers, camera, tuple(frames or (found.frame_current,)))
 
 
 def _with_camera() -> str:
