@@ -195,6 +195,7 @@ class BakeJob:
         yield from self._look(executor)
         outline, options = self.outline, self.options
         execution = executor.execution
+        executor.outline = outline
         groups, self.memory = groups_of(outline, self.graph, options, self._held)
         if self.memory.shortage:
             self._warnings.append(self.memory.shortage)

@@ -15,8 +15,10 @@ from conftest import SAMPLES
 from strata.addon.bake import Options, bake
 from strata.addon.core.errors import StrataError
 from strata.addon.core.executor import Execution, Executor, drain
+from strata.addon.core.graph import Node, Step
 from strata.addon.core.memory import MEBIBYTE, MemoryEstimate, in_groups
 from strata.addon.core.sampling import Sampling
+from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.registry import EFFECTS
 from strata.ops.arguments import build_parser, memory
 from test_executor import depth_graph, tilted_quad_scene
@@ -172,9 +174,6 @@ def test_memory_that_cannot_be_is_refused(text):
 
 
 def test_no_room_is_one_line_that_names_what_was_made():
-    from strata.addon.core.graph import Step
-    from strata.addon.devices.cpu import CpuDevice
-
     outline, arrays = tilted_quad_scene()
     device = CpuDevice()
     device.set_scene(outline, arrays)
@@ -184,3 +183,68 @@ def test_no_room_is_one_line_that_names_what_was_made():
     layer = depth_graph(outline).layers[0]
     with pytest.raises(StrataError, match=r"not enough memory for layer 'Depth': .*4.00 PiB"):
         Execution().begin(layer, (1 << 30, 1 << 20), 1)
+
+
+CRAMPED = """
+import resource
+from test_memory import street
+scene = street(1)
+with open("/proc/self/statm") as numbers:
+    taken = int(numbers.read().split()[0]) * resource.getpagesize()
+limit = taken + (5 << 28)  # bytes of addresses; a map of this bake takes 1.8 GB, its depths 0.5 GB
+resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no other system limits a process's addresses so")
+def test_a_map_that_is_too_large_is_one_line_and_no_abort():
+    code = (
+        f"import sys\nsys.path.insert(0, {str(Path(__file__).parent)!r})\n{CRAMPED}"
+        + """
+from strata.addon.bake import Options, bake
+from strata.addon.core.errors import StrataError
+values = {"soft_shadow": {"resolution": 4096, "layers": 8}}
+options = Options(effects=("soft_shadow",), backend="cpu", samples=1, probes=0, values=values)
+try:
+    bake(scene, scene.view_layers[0], options, size=(32, 18))
+except StrataError as error:
+    print(error)
+"""
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    line = done.stdout.splitlines()[-1]
+    assert line.startswith("not enough memory for step '"), line
+    assert "for Lamp" in line
+    assert "GiB" in line
+
+
+def test_a_frame_keeps_no_more_maps_than_it_may():
+    outline, arrays = tilted_quad_scene()
+    device = CpuDevice()
+    device.set_scene(outline, arrays)
+    step = Step("map", cpu=lambda device, number: np.float32(number), bytes_of=lambda node, outline: 100)
+    read = Step("read", cpu=lambda device, surface, value: surface["depth"] + value)
+    graph = depth_graph(outline)
+    most = []
+    for kept_bytes in (None, 250):
+        executor = Executor(device, device, keeps_inputs=True, kept_bytes=kept_bytes)
+        executor.outline = outline
+        layers = tuple(
+            replace(
+                graph.layers[0],
+                name=f"{n}",
+                node=Node(read, "", (graph.surface, Node(step, f"{n}", (), {"number": n})), {}),
+            )
+            for n in range(5)
+        )
+        held = []
+        for _ in executor.frame(replace(graph, layers=layers), next(Sampling(*outline.size).chunks())):
+            sizes = [executor._sizes.get(key, 0) for _, key in executor._kept]
+            held.append(sum(size for size in sizes if size == 100))
+        most.append(max(held))
+        values = [executor.layer_value(layer)[1] for layer in layers]
+        rises = [float((value - values[0]).max()) for value in values]
+        assert rises == pytest.approx([0.0, 1.0, 2.0, 3.0, 4.0], abs=1e-6)  # depths of some metres, float32
+    assert most[0] == 500
+    assert most[1] <= 300  # the map being read comes on top

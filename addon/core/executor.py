@@ -12,8 +12,10 @@ import numpy as np
 
 from .device import Device
 from .errors import Cancelled, StrataError
+from .free_memory import check_room
 from .graph import Graph, Node, PlannedLayer
 from .metrics import antialiasing_error
+from .outline import Outline
 from .sampling import Sampling
 from .surface import Chunk
 
@@ -120,7 +122,8 @@ class Executor:
     `fallback` is the CPU device, taken where the primary lacks a twin or fails; it may be the primary.
     `keeps_inputs`: values that only other kept values were made of stay too (a preview's slider may want
     them again); if not, they are freed as soon as nothing of the graph needs them. `kept_surface_bytes`
-    bounds what `frame` keeps of values that do depend on the surface.
+    bounds what `frame` keeps of values that do depend on the surface, `kept_bytes` what it keeps of those
+    that do not, also while it works. `outline` is what sizes follow from (Step.bytes_of), if it is known.
 
     Several runs and frames may be under way at once, a step of one after a step of another, and any may be
     abandoned between two nodes.
@@ -133,12 +136,16 @@ class Executor:
         kept_values: int = 64,
         keeps_inputs: bool = True,
         kept_surface_bytes: int = 0,
+        kept_bytes: int | None = None,
     ):
         self.primary = primary
         self.fallback = fallback
         self.kept_values = kept_values
         self.keeps_inputs = keeps_inputs
         self.kept_surface_bytes = kept_surface_bytes
+        self.kept_bytes = kept_bytes
+        self.outline: Outline | None = None
+        self._sizes: dict[str, int] = {}  # of kept values that have any, by node
         self._kept: OrderedDict[tuple[str, str], Any] = OrderedDict()
         self._framed: OrderedDict[tuple, Any] = OrderedDict()
         self._framed_bytes: dict[tuple, tuple[int, int]] = {}  # bytes, and the epoch that used it last
@@ -231,6 +238,7 @@ class Executor:
                 self._now = context
                 if node.per_surface:
                     self.value(node, self._home(node))
+                    self._trim_kept()
                 elif node.step.twin(self.primary.name) or self.primary is self.fallback:
                     self.value(node, self.primary)
                 yield done / len(nodes)
@@ -294,6 +302,7 @@ class Executor:
         """Frees kept values that no node of these graphs has, such as the maps of where a light was."""
         devices = {device.name: device for device in (self.primary, self.fallback)}
         used = {node.key for graph in graphs for node in graph.nodes()}
+        self._sizes = {key: size for key, size in self._sizes.items() if key in used}
         for name, key in [place for place in self._kept if place[1] not in used]:
             devices[name].release(self._kept.pop((name, key)))
 
@@ -335,9 +344,11 @@ class Executor:
             extra = {"chunk": chunk, "attributes": graph.surface_attributes}
         elif node.step.told_chunk:
             extra = {"chunk": chunk}
+        size = node.step.bytes_of(node, self.outline) if node.step.bytes_of and self.outline else 0
         started = time.perf_counter()
         compiling = device.compile_seconds
         try:
+            check_room(size)
             value = node.step.twin(device.name)(device, *inputs, **node.params, **extra)
             device.finish()
         except device.cancelled:
@@ -353,6 +364,8 @@ class Executor:
                 f"step '{node.step.name}' failed on {device.name} and ran on {self.fallback.name}: {error}"
             )
             return self._fallen_back(node, device)
+        if size:
+            self._sizes[node.key] = size
         compiling = device.compile_seconds - compiling
         self._time(node, device.name, time.perf_counter() - started - compiling)
         return value
@@ -400,11 +413,24 @@ class Executor:
         if context.passing:
             context.passing.clear()
 
-    def _trim(self) -> None:
+    def _trim_kept(self) -> None:
+        """Drops those values that were used longest ago and are too many. In a frame each lamp's maps are
+        read before the next lamp's are made; what is wanted again is made again."""
         devices = {device.name: device for device in (self.primary, self.fallback)}
         while len(self._kept) > self.kept_values:
             (name, _), value = self._kept.popitem(last=False)
             devices[name].release(value)
+        if self.kept_bytes is None:
+            return
+        excess = sum(self._sizes.get(key, 0) for _, key in self._kept) - self.kept_bytes
+        for name, key in [place for place in self._kept if place[1] in self._sizes]:
+            if excess <= 0:
+                break
+            excess -= self._sizes[key]
+            devices[name].release(self._kept.pop((name, key)))
+
+    def _trim(self) -> None:
+        self._trim_kept()
         excess = sum(size for size, _epoch in self._framed_bytes.values()) - self.kept_surface_bytes
         if excess <= 0:
             return

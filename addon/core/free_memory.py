@@ -8,6 +8,8 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+
 UNKNOWN_FREE_BYTES = 4 << 30
 """Taken where the system does not say."""
 
@@ -35,6 +37,11 @@ def held_bytes() -> int:
     with suppress(OSError, ValueError, IndexError), open("/proc/self/statm", encoding="ascii") as numbers:
         return int(numbers.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     return 0
+
+
+def check_room(count: int) -> None:
+    """Raises MemoryError where so many bytes cannot be had: a kernel that runs into it ends the process."""
+    np.empty(count, np.uint8)
 
 
 def give_back() -> None:

@@ -14,6 +14,7 @@ from ..core.arrays import Arrays, reusing
 from ..core.culling import around
 from ..core.effect import Effect
 from ..core.executor import Executor
+from ..core.free_memory import free_bytes
 from ..core.graph import Graph
 from ..core.outline import Light, Outline
 from ..devices.start import Devices, start_devices
@@ -24,6 +25,7 @@ from ..scene.scan import Scan, ScanOptions, scan
 from ..scene.viewport import Placement, hides_objects, shown_in
 
 KEPT_SURFACE_BYTES = 1 << 30
+KEPT_BYTES = 2 << 30  # maps, trees and geometry
 KEPT_VALUES = 128
 _versions = count(1)  # of all sessions, so that no two ever share a value by mistake
 
@@ -42,6 +44,7 @@ class Session:
             self.devices.fallback,
             kept_values=KEPT_VALUES,
             kept_surface_bytes=KEPT_SURFACE_BYTES,
+            kept_bytes=min(KEPT_BYTES, free_bytes() // 2),
         )
         self.outline: Outline | None = None
         self.version = 0
@@ -108,6 +111,7 @@ class Session:
 
     def _keep(self, found: Scan) -> None:
         self._scan, self.outline = found, found.outline
+        self.executor.outline = found.outline
 
     def moving_plan(
         self, placement: Placement, scale: float, options: Options, share: float
