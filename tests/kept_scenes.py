@@ -38,4 +38,17 @@ KEPT: dict[str, dict] = {
         "lamps": [{"type": "POINT"}],
         "effects": ("toon",),
     },
+    "a layer that reads no places": {
+        "things": [_GROUND, {}],
+        "lamps": [{"type": "SUN", "use_shadow": False}],
+        "effects": ("toon",),
+        "settings": {"toon.halftone": "off", "toon.outline": "off"},
+        "size": (64, 36),
+    },
+    "no light and one layer": {
+        "things": [_GROUND, {}],
+        "effects": ("toon",),
+        "settings": {"toon.outline": "off", "toon.halftone_anchor": "screen"},
+        "size": (64, 36),
+    },
 }

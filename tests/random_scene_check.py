@@ -53,5 +53,7 @@ def problems_of_file(path: Path) -> list[str]:
             found.append(f"layer '{layer.name}' has {bad.sum()} values that are not finite")
     if [layer.name for layer in read.layers] != [layer["name"] for layer in read.report["layers"]]:
         found.append("layers are not those of the report")
+    errors = {layer["name"]: layer.get("error") or {} for layer in read.report["layers"]}
+    found += [f"'{n}': {e['not_measured']}" for n, e in errors.items() if "not_measured" in e]
     found += [f"report: {w}" for w in read.report["warnings"] if "failed on" in w]
     return found

@@ -133,6 +133,8 @@ class CpuDevice:
     def camera_rays(self, visible: frozenset[int], attributes: frozenset[str]) -> CameraRays:
         """Fills the surface `attributes` of the instances `visible` along any view ray."""
         mask = self.instance_mask(visible)
+        if not attributes & {"depth", "position"}:
+            attributes |= {"depth"}  # how far a ray sees
         return CameraRays(triangulate, self._outline, self._arrays, mask, attributes)
 
     def texture(self, image: int) -> np.ndarray | None:

@@ -47,12 +47,17 @@ class Ground:
 
 
 def silhouettes(surface: dict[str, np.ndarray]) -> np.ndarray:
-    """(rows, width) bool: near where the surface, (rows, width[, 3]) "depth" or "position", ends."""
+    """(rows, width) bool: near where the surface, (rows, width[, 3]) "depth" or "position", ends; where no
+    layer reads places, as with one sun, near where another "material" or "instance" begins."""
     if "depth" in surface:
         with np.errstate(over="ignore"):
             return near_jumps(surface["depth"] * surface["depth"])
-    position = surface["position"]
-    return near_jumps(np.einsum("rwc,rwc->rw", position, position))
+    if "position" in surface:
+        position = surface["position"]
+        return near_jumps(np.einsum("rwc,rwc->rw", position, position))
+    found = next(surface[name] for name in ("material", "instance", *surface) if name in surface)
+    found = found.reshape(*found.shape[:2], -1)[:, :, 0]
+    return near_changes(*(a != b for a, b in _neighbours(found)))
 
 
 def near_jumps(image: np.ndarray) -> np.ndarray:
