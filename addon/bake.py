@@ -18,6 +18,7 @@ from .core.graph import Graph, Node, PlannedLayer
 from .core.layers import Layer, LayerSet
 from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups
 from .core.outline import Outline
+from .core.progress import Forecast
 from .core.recorder import plan
 from .core.sampling import Sampling
 from .core.sequence import SequenceLayer, with_neutral
@@ -28,11 +29,11 @@ from .effects.registry import EFFECTS, effect_named
 from .effects.shared import composite, lit
 from .effects.shared.look import look
 from .effects.shared.steps import ray_accelerator
-from .measure.budget import allowed_seconds
+from .measure.budget import MeasuringOutlook, allowed_seconds
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured, Report, StepTime, report_of
 
-BAKING_SHARE = 0.75
+SHOWING_SECONDS = 0.05  # between two looks at how long it still takes
 """Of a bake that is measured; measuring takes the rest."""
 
 
@@ -149,6 +150,9 @@ class BakeJob:
             device.set_scene(outline, arrays)
         self.progress = 0.0
         self.stage = "Starting"
+        self._started = self._shown = time.perf_counter()
+        self._forecast: Forecast | None = None
+        self._outlook: MeasuringOutlook | None = None
         self._warnings = [*warnings, *outline.warnings, *arrays.warnings]
         self._read_seconds = read_seconds
         self._look_seconds = 0.0
@@ -190,8 +194,11 @@ class BakeJob:
         return self._result
 
     def _run(self) -> Iterator[None]:
-        started = time.perf_counter() - self._read_seconds
+        self._started = started = time.perf_counter() - self._read_seconds
         executor = Executor(self.devices.primary, self.devices.fallback, keeps_inputs=False)
+        sampling = sampling_of(self.outline, self.options)
+        pixels = sampling.width * sampling.height * self.options.samples / sampling.chunk_count
+        self._forecast = Forecast([self.graph], sampling.chunk_count, pixels, executor.execution)
         yield from self._look(executor)
         outline, options = self.outline, self.options
         execution = executor.execution
@@ -203,32 +210,35 @@ class BakeJob:
         measurement = None
         if options.probes != 0:
             measurement = Measurement(self.graph, outline, options.probes, options.seed, cancelled)
+            self._outlook = MeasuringOutlook(self.graph, outline, options.probes)
+        self._forecast = Forecast(groups, sampling.chunk_count, pixels, execution)
         errors: dict[str, LayerError | NotMeasured] = {}
         for number, group in enumerate(groups):
-            done = yield from self._bake_group(executor, group, execution, measurement, number, len(groups))
+            self.stage = "Baking"
+            for _ in executor.run(group, sampling, measurement, execution):
+                self._show_progress()
+                yield
             if measurement:
-                errors |= yield from self._measure(
-                    measurement, executor, group, done, (number + 1) / len(groups)
-                )
+                errors |= yield from self._measure(measurement, executor, group)
             executor.keep_only(*groups[number + 1 :])
             if len(groups) > 1:
                 give_back()
         executor.release()
         seconds = time.perf_counter() - started
+        self._forecast.learn()
         self._result = self._finished(execution, errors, seconds)
         self.progress, self.stage = 1.0, "Done"
 
-    def _bake_group(
-        self, executor: Executor, group: Graph, execution: Execution, measurement, number: int, count: int
-    ) -> Generator[None, None, float]:
-        """Makes a group's layers; returns the share of the bake that is done then."""
-        self.stage = "Baking"
-        share = BAKING_SHARE if measurement else 1.0
-        sampling = sampling_of(self.outline, self.options)
-        for done in executor.run(group, sampling, measurement, execution):
-            self.progress = (number + share * done) / count
-            yield
-        return self.progress
+    def _show_progress(self) -> None:
+        """`progress` is the share of the expected time that has passed, and never falls."""
+        now = time.perf_counter()
+        if now - self._shown < SHOWING_SECONDS:
+            return
+        self._shown, passed = now, now - self._started
+        left = self._forecast.seconds_left()
+        if self._outlook:
+            left += self._outlook.seconds_left(passed + left)
+        self.progress = max(self.progress, passed / (passed + left))
 
     def _look(self, executor: Executor) -> Generator[None]:
         """Takes a coarse picture of the scene and plans again with it: boxes alone cannot tell that a wall
@@ -239,7 +249,7 @@ class BakeJob:
         geometry = executor.value(node.inputs[0], device)
         yield
         looking = look(device, geometry, self.outline, node.params["visible"])
-        seen, self._look_seconds = yield from timed(self._unless_cancelled(looking))
+        seen, self._look_seconds = yield from timed(self._showing(self._unless_cancelled(looking)))
         if len(seen):
             started = time.perf_counter()
             self.outline = replace(self.outline, seen=seen)
@@ -247,10 +257,10 @@ class BakeJob:
             self._look_seconds += time.perf_counter() - started
 
     def _measure(
-        self, measurement: Measurement, executor: Executor, graph: Graph, start: float, end: float
+        self, measurement: Measurement, executor: Executor, graph: Graph
     ) -> Generator[None, None, dict[str, LayerError | NotMeasured]]:
         """The error of each of the graph's layers, by name: rays against the layer's own casters, on the CPU
-        whatever made the layer. `start` of the bake is done, and `end` of it then."""
+        whatever made the layer."""
         self.stage = "Measuring"
         layers = [layer for layer in graph.layers if layer.kind.reference]
         if not layers:
@@ -263,13 +273,13 @@ class BakeJob:
         for number, layer in enumerate(layers, start=1):
             allowed = self._allowed_seconds(measurement, executor.execution) / (len(layers) - number + 1)
             work = self._measured(measurement, layer, executor.execution.images[layer.name], allowed)
-            error, seconds = yield from timed(measurement.guarded(work))
+            work = self._outlook.watched(timed(measurement.guarded(work)))
+            error, seconds = yield from self._showing(work)
             self._measuring_seconds += seconds
             if isinstance(error, LayerError):
                 error = replace(error, seconds=error.seconds + self._rays_seconds)
             errors[layer.name] = error
             measurement.forget(layer)
-            self.progress = start + (end - start) * number / len(layers)
         return errors
 
     def _allowed_seconds(self, measurement: Measurement, execution: Execution) -> float:
@@ -289,6 +299,7 @@ class BakeJob:
         """What references trace with."""
         device, graph = self.devices.fallback, self.graph
         accelerator, seconds = _value_apart(executor, ray_accelerator(self.outline), device)
+        self._outlook.has_tree = True
         self._measuring_seconds += seconds
         self._rays_seconds = seconds / sum(layer.kind.reference is not None for layer in graph.layers)
         yield
@@ -300,6 +311,16 @@ class BakeJob:
             value=lambda node: executor.value(node, device),
             texture=device.texture,
         )
+
+    def _showing[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
+        """The same, telling `progress` at its yields."""
+        while True:
+            try:
+                next(work)
+            except StopIteration as end:
+                return end.value
+            self._show_progress()
+            yield
 
     def _unless_cancelled[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
         """The same; raises Cancelled at its next slice once the flag is set."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Generator
 
+from ..core.graph import Graph
+from ..core.outline import Outline
 from ..core.slices import timed
 
 DEFAULT_PROBES = 2048
@@ -21,6 +24,55 @@ first, so that only the others tell."""
 def allowed_seconds(baked_seconds: float) -> float:
     """For measuring all that was baked in so many seconds."""
     return SHARE / (1.0 - SHARE) * max(baked_seconds, (1.0 - SHARE) * SHORT_SECONDS)
+
+
+PROBE_SECONDS = 2e-4
+TRIANGLE_SECONDS = 5e-7
+"""What a probe of a layer and a triangle of the tree take on an ordinary machine."""
+
+
+class MeasuringOutlook:
+    """How long measuring will take. `has_tree`: what rays need has been built."""
+
+    def __init__(self, graph: Graph, outline: Outline, probes: int | None):
+        self._layers = sum(layer.kind.reference is not None for layer in graph.layers)
+        self._probes = probes
+        self._tree = TRIANGLE_SECONDS * sum(mesh.triangles for mesh in outline.meshes)
+        self._done, self._taken, self._current = 0, 0.0, 0.0
+        self.has_tree = False
+
+    def watched[Result](
+        self, work: Generator[None, None, tuple[Result, float]]
+    ) -> Generator[None, None, tuple[Result, float]]:
+        """The measuring of one layer (core/slices.py, timed), counted."""
+        found, seconds = yield from self._counted(work)
+        self._done, self._taken, self._current = self._done + 1, self._taken + seconds, 0.0
+        return found, seconds
+
+    def _counted[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
+        while True:
+            started = time.perf_counter()
+            try:
+                next(work)
+            except StopIteration as end:
+                return end.value
+            self._current += time.perf_counter() - started
+            yield
+
+    def seconds_left(self, baking_seconds: float) -> float:
+        """Where the bake without measuring takes so many seconds."""
+        tree = 0.0 if self.has_tree else self._tree
+        if self._done:
+            each = self._taken / self._done
+        else:
+            each = PROBE_SECONDS * (DEFAULT_PROBES if self._probes is None else self._probes)
+            if self._probes is None:
+                each = min(each, max(allowed_seconds(baking_seconds) - tree, 0.0) / max(self._layers, 1))
+        left = self._layers - self._done
+        if left <= 0:
+            return tree
+        # One that takes longer than expected is taken to be two thirds through.
+        return tree + (left - 1) * each + max(each - self._current, 0.5 * self._current)
 
 
 def within[Result](

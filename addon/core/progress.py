@@ -1,0 +1,103 @@
+"""How long a bake still takes, from what its nodes have taken so far.
+
+A node at the surface runs once for every chunk, so its first runs tell of the others; a node that has not
+run yet takes what others of its step took, in this bake or an earlier one of this process; what nothing is
+known of takes what that step takes on an ordinary machine, times how much slower this one has been so far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from .executor import Execution
+from .graph import Graph, Node
+
+ORDINARY_SECONDS = {
+    "soft_shadow/prepare": 0.1,
+    "layered_depth": 0.015,
+    "volumetric_light/light_map": 0.013,
+    "volumetric_light/medium_map": 0.011,
+    "surface": 200e-9,
+    "soft_shadow/backproject": 1200e-9,
+    "soft_shadow/visibility": 1e-9,
+    "volumetric_light/bounded_airlight": 4000e-9,
+    "volumetric_light/bounded_transmittance": 100e-9,
+}
+"""Of steps that are not as most are: per run, at the surface per pixel. Only their ratios count."""
+
+MOST_SECONDS = 0.01, 50e-9  # of most steps, per run and at the surface per pixel
+
+KNOWN_SECONDS = 0.5
+"""What these are worth beside what the bake has shown so far: its first steps tell little of the others."""
+
+_learnt: dict[tuple[str, bool], float] = {}
+"""Seconds per run, or per pixel of a step at the surface, in the bakes of this process: a sequence's second
+frame knows what the first one took."""
+
+
+class Forecast:
+    """Of graphs that one after the other go into `execution`, each in `chunks` chunks of `pixels` pixels."""
+
+    def __init__(self, graphs: Iterable[Graph], chunks: int, pixels: float, execution: Execution):
+        self._pixels, self._execution = pixels, execution
+        self._runs: dict[Node, int] = {}  # of each node, at the end
+        for graph in graphs:
+            for node in graph.nodes():
+                more = chunks if node.per_surface else int(node not in self._runs)
+                self._runs[node] = self._runs.get(node, 0) + more
+
+    def seconds_left(self) -> float:
+        """What the nodes that are still to run will take."""
+        taken = self._taken()
+        rates, usual, real = dict(_learnt), 0.0, 0.0
+        sums: dict[tuple[str, bool], list[float]] = {}
+        for node, (seconds, runs) in taken.items():
+            kind = _kind(node)
+            total = sums.setdefault(kind, [0.0, 0.0])
+            total[0] += seconds
+            total[1] += runs * self._unit(node)
+            if kind not in _learnt:
+                usual += runs * self._unit(node) * _ordinary(node)
+                real += seconds
+        rates |= {kind: seconds / units for kind, (seconds, units) in sums.items() if units}
+        slower = (real + KNOWN_SECONDS) / (usual + KNOWN_SECONDS)
+        left = 0.0
+        for node, runs in self._runs.items():
+            seconds, done = taken.get(node, (0.0, 0))
+            if done:
+                each = seconds / done
+            elif _kind(node) in rates:
+                each = rates[_kind(node)] * self._unit(node)
+            else:
+                each = _ordinary(node) * self._unit(node) * slower
+            left += max(runs - done, 0) * each
+        return left
+
+    def learn(self) -> None:
+        """At the end: what the steps took is known to the next bake."""
+        sums: dict[tuple[str, bool], list[float]] = {}
+        for node, (seconds, runs) in self._taken().items():
+            total = sums.setdefault(_kind(node), [0.0, 0.0])
+            total[0] += seconds
+            total[1] += runs * self._unit(node)
+        _learnt.update({kind: seconds / units for kind, (seconds, units) in sums.items() if units})
+
+    def _taken(self) -> dict[Node, tuple[float, int]]:
+        """Seconds and runs of each node so far; copies between devices take time and are no runs."""
+        found: dict[Node, tuple[float, int]] = {}
+        for timing in list(self._execution.timings.values()):
+            seconds, runs = found.get(timing.node, (0.0, 0))
+            copies = " to " in timing.device
+            found[timing.node] = seconds + timing.seconds, runs if copies else max(runs, timing.runs)
+        return found
+
+    def _unit(self, node: Node) -> float:
+        return self._pixels if node.per_surface else 1.0
+
+
+def _kind(node: Node) -> tuple[str, bool]:
+    return node.step.name, node.per_surface
+
+
+def _ordinary(node: Node) -> float:
+    return ORDINARY_SECONDS.get(node.step.name, MOST_SECONDS[node.per_surface])

@@ -1,0 +1,87 @@
+"""How long a bake still takes: made-up bakes whose end is known."""
+
+from types import SimpleNamespace
+
+import pytest
+from strata.addon.core import progress
+from strata.addon.core.executor import Execution
+from strata.addon.core.graph import Graph, Node, PlannedLayer, Step
+from strata.addon.core.progress import Forecast
+from strata.addon.core.slices import finished
+from strata.addon.effects.shared.lit import LIT
+from strata.addon.measure.budget import MeasuringOutlook
+
+PIXELS, CHUNKS = 10_000, 8
+MAP_SECONDS, SURFACE_SECONDS, SHADE_SECONDS = 1.0, 0.1, 0.5
+WHOLE = 3 * MAP_SECONDS + CHUNKS * (SURFACE_SECONDS + 3 * SHADE_SECONDS)
+
+
+@pytest.fixture
+def bake(monkeypatch):
+    """Three lamps, each with a map that is made once and a node at the surface."""
+    monkeypatch.setattr(progress, "_learnt", {})
+    maps = [Node(Step("map"), str(lamp), (), {"lamp": lamp}) for lamp in range(3)]
+    surface = Node(Step("surface", per_surface=True), "", (), {})
+    shades = [Node(Step("shade", per_surface=True), "", (surface, each), {}) for each in maps]
+    layers = tuple(PlannedLayer(f"Layer {k}", "", shade, LIT) for k, shade in enumerate(shades))
+    graph = Graph(layers, (), surface, frozenset(), frozenset())
+    order = [(node, MAP_SECONDS) for node in maps]
+    for _ in range(CHUNKS):
+        order += [(surface, SURFACE_SECONDS), *((shade, SHADE_SECONDS) for shade in shades)]
+    return graph, order
+
+
+def worst_factor(graph, order, start: float) -> float:
+    execution, passed, worst = Execution(), 0.0, 1.0
+    forecast = Forecast([graph], CHUNKS, PIXELS, execution)
+    for node, seconds in order[:-1]:
+        execution.add_time(node, "cpu", seconds)
+        passed += seconds
+        if passed > start * WHOLE:
+            left = forecast.seconds_left()
+            worst = max(worst, left / (WHOLE - passed), (WHOLE - passed) / left)
+    forecast.learn()
+    return worst
+
+
+def test_the_time_left_is_known_once_a_chunk_is_done(bake):
+    graph, order = bake
+    assert worst_factor(graph, order, 0.3) == pytest.approx(1.0)
+
+
+def test_a_second_frame_knows_it_from_its_start(bake):
+    graph, order = bake
+    worst_factor(graph, order, 0.3)
+    assert worst_factor(graph, order, 0.0) == pytest.approx(1.0)
+
+
+def test_nothing_is_left_of_a_graph_that_is_done(bake):
+    graph, order = bake
+    execution = Execution()
+    for node, seconds in order:
+        execution.add_time(node, "cpu", seconds)
+    assert Forecast([graph], CHUNKS, PIXELS, execution).seconds_left() == 0.0
+    # A second group of lamps runs the surface again.
+    assert Forecast([graph, graph], CHUNKS, PIXELS, execution).seconds_left() == pytest.approx(
+        CHUNKS * (SURFACE_SECONDS + 3 * SHADE_SECONDS)
+    )
+
+
+def test_measuring_is_expected_to_go_on_as_it_began():
+    layer = SimpleNamespace(kind=SimpleNamespace(reference=print))
+    graph = SimpleNamespace(layers=[layer] * 4)
+    outline = SimpleNamespace(meshes=[SimpleNamespace(triangles=2_000_000)])
+    outlook = MeasuringOutlook(graph, outline, 1000)
+    assert outlook.seconds_left(10.0) == pytest.approx(1.0 + 4 * 0.2)
+    outlook.has_tree = True
+    assert outlook.seconds_left(10.0) == pytest.approx(4 * 0.2)
+
+    def measured():
+        return "error", 3.0
+        yield
+
+    assert finished(outlook.watched(measured())) == ("error", 3.0)
+    assert outlook.seconds_left(10.0) == pytest.approx(9.0)
+    few = MeasuringOutlook(graph, outline, None)
+    few.has_tree = True
+    assert few.seconds_left(0.1) == pytest.approx(0.15 * 2.0)
