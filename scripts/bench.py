@@ -10,7 +10,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from benchmark import files, goals, idle, machine, passes, race, scenes, toon, volumetric
+from benchmark import files, goals, idle, lamps, machine, passes, race, scenes, toon, volumetric
 from benchmark.document import ROOT, milliseconds, significant, write_block
 from benchmark.methods import Effect, Rays, surface_of
 from benchmark.sections import read_sections
@@ -57,6 +57,11 @@ def run_idle(folder: Path, quick: bool) -> str:
     return idle.tables(idle.run(size=(240, 135) if quick else None, repeats=1 if quick else 5))
 
 
+def run_lamps(folder: Path, quick: bool) -> str:
+    """Memory of many lamps, in groups and all at once."""
+    return lamps.tables(lamps.QUICK if quick else lamps.STREETS)
+
+
 def run_toon(folder: Path, quick: bool) -> str:
     """Toon shading."""
     return toon.speed(scenes.open_sample("comic"), quick)
@@ -81,6 +86,7 @@ SECTIONS = {
     "passes": run_passes,
     "goals": run_goals,
     "idle": run_idle,
+    "lamps": run_lamps,
     "volumetric": run_volumetric,
     "toon": run_toon,
     "files": run_files,
