@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 
@@ -13,7 +14,7 @@ import OpenEXR
 import pytest
 from exr_layers import read_layers
 from scan_scenes import empty_scene
-from strata.addon.scene.changing import may_change
+from strata.addon.scene.changing import may_change, may_make_lamps
 from strata.addon.scene.open import open_blend
 from strata.addon.sequence import coarse_to_fine, sequence_layers
 from strata.addon.ui import properties
@@ -390,3 +391,58 @@ def test_all_view_layers_go_into_one_file(scene, tmp_path):
     assert [plan["view_layer"] for plan in plans] == ["ViewLayer", "Without.lamp"]
     few = json.loads(strata("plan", blend, "--view-layer", "all", "--lights", "Torch", "--json").stdout)
     assert [[layer["name"] for layer in plan["layers"]] for plan in few] == [["Soft Shadow Torch"], []]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_looking_at_once(scene, tmp_path, number):
+    """A lamp that no frame needs, though it is animated: the whole range has to be looked at."""
+    keyed(lamp("Torch").data, "energy", f1=0.0, f2=0.0)
+    scene.frame_end = 100_000
+    blend = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
+    words = ["bake", blend, "-o", tmp_path / "folder" / "x.exr", *QUICK]
+    command = [sys.executable, "-m", "strata", *map(str, words)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert "Looking which layers the sequence needs" in process.stderr.readline()
+        process.send_signal(number)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert (out, err.splitlines()[-1]) == ("", "strata: interrupted")
+    assert os.listdir(tmp_path) == ["scene.blend"]
+
+
+def lamp_on_faces(scene):
+    bpy.data.objects["Crate"].instance_type = "FACES"
+    bpy.data.objects["Key"].parent = bpy.data.objects["Crate"]
+
+
+def nodes_with(node: str, socket: str, value):
+    tree = bpy.data.node_groups.new("Tree", "GeometryNodeTree")
+    tree.nodes.new(node).inputs[socket].default_value = value
+    bpy.data.objects["Crate"].modifiers.new("Nodes", "NODES").node_group = tree
+
+
+def lamp_in_nodes(scene):
+    nodes_with("GeometryNodeObjectInfo", "Object", bpy.data.objects["Key"])
+
+
+def collection_in_nodes(scene):
+    inner, outer = bpy.data.collections.new("Inner"), bpy.data.collections.new("Outer")
+    inner.objects.link(bpy.data.objects["Key"])
+    outer.children.link(inner)
+    nodes_with("GeometryNodeCollectionInfo", "Collection", outer)
+
+
+def lamp_of_particles(scene):
+    settings = (
+        bpy.data.objects["Crate"].modifiers.new("Particles", "PARTICLE_SYSTEM").particle_system.settings
+    )
+    settings.render_type, settings.instance_object = "OBJECT", bpy.data.objects["Key"]
+
+
+@pytest.mark.parametrize("make", [lamp_on_faces, lamp_in_nodes, collection_in_nodes, lamp_of_particles])
+def test_lamps_that_only_an_evaluation_shows_are_expected(scene, make):
+    nodes_with("GeometryNodeObjectInfo", "Object", bpy.data.objects["Floor"])
+    assert not may_make_lamps()
+    make(scene)
+    assert may_make_lamps()

@@ -91,18 +91,20 @@ def has_nodes(tree: bpy.types.NodeTree | None, words: tuple[str, ...]) -> bool:
 
 
 def may_make_lamps() -> bool:
-    """Whether lamps may appear that only an evaluated frame shows: of geometry nodes, particles, faces."""
-    for thing in bpy.data.objects:
-        if thing.instance_type in ("VERTS", "FACES"):
-            return True
-        if any(system.settings.render_type in ("OBJECT", "COLLECTION") for system in thing.particle_systems):
-            return True
-        if any(
-            modifier.type == "NODES" and has_nodes(modifier.node_group, ("ObjectInfo", "CollectionInfo"))
-            for modifier in thing.modifiers
-        ):
-            return True
-    return False
+    """Whether lamps may appear that only an evaluated frame shows: of geometry nodes or particles that are
+    given a lamp or a collection with one, and of faces and vertices."""
+    if any(thing.instance_type in ("VERTS", "FACES") and thing.children for thing in bpy.data.objects):
+        return True
+    groups = {group for group in bpy.data.collections if any(t.type == "LIGHT" for t in group.all_objects)}
+    carriers = {
+        thing for thing in bpy.data.objects if thing.type == "LIGHT" or thing.instance_collection in groups
+    }
+    return any(
+        isinstance(user, (bpy.types.NodeTree, bpy.types.ParticleSettings))
+        or (isinstance(user, bpy.types.Object) and any(m.type == "NODES" for m in user.modifiers))
+        for users in bpy.data.user_map(subset=groups | carriers).values()
+        for user in users
+    )
 
 
 def may_have_media() -> bool:
