@@ -194,7 +194,7 @@ class BakeJob:
         return self._result
 
     def _run(self) -> Iterator[None]:
-        self._started = started = time.perf_counter() - self._read_seconds
+        started = time.perf_counter() - self._read_seconds
         executor = Executor(self.devices.primary, self.devices.fallback, keeps_inputs=False)
         sampling = sampling_of(self.outline, self.options)
         pixels = sampling.width * sampling.height * self.options.samples / sampling.chunk_count
@@ -230,7 +230,8 @@ class BakeJob:
         self.progress, self.stage = 1.0, "Done"
 
     def _show_progress(self) -> None:
-        """`progress` is the share of the expected time that has passed, and never falls."""
+        """`progress` is the share of the expected time that has passed, and never falls. Faces count from when
+        there is a job, so that reading is no part of it."""
         now = time.perf_counter()
         if now - self._shown < SHOWING_SECONDS:
             return
