@@ -230,8 +230,8 @@ class BakeJob:
         self.progress, self.stage = 1.0, "Done"
 
     def _show_progress(self) -> None:
-        """`progress` is the share of the expected time that has passed, and never falls. Faces count from when
-        there is a job, so that reading is no part of it."""
+        """`progress` is the share of the expected time that has passed, and never falls. Faces count from
+        when there is a job, so that reading is no part of it."""
         now = time.perf_counter()
         if now - self._shown < SHOWING_SECONDS:
             return
