@@ -15,7 +15,7 @@ from ..addon.layers.exr import check_codec, write_layers
 from ..addon.layers.files import check_writable
 from ..addon.layers.images import make_images
 from ..addon.sequence import sequence_layers
-from ..addon.ui.properties import exr_of, options_of
+from ..addon.ui.properties import exr_of, options_of, waits_for_saving
 from ..addon.ui.registration import Classes
 from ..addon.ui.state import STATE
 from .arguments import Placeholder
@@ -104,7 +104,8 @@ class STRATA_OT_bake(bpy.types.Operator):
         self._scene_id = scene.session_uid
         self._warnings = ()  # of the file
         self._wants_images = scene.strata.save_to != "FILE"
-        has_file = self.filepath or scene.strata.save_to != "IMAGES"
+        self._waits = not self.filepath and waits_for_saving(scene)
+        has_file = self.filepath or not (self._waits or scene.strata.save_to == "IMAGES")
         self._path = output_of(scene, self.filepath or scene.strata.output) if has_file else None
         if self._path:
             check_writable(self._path)
@@ -138,6 +139,8 @@ class STRATA_OT_bake(bpy.types.Operator):
         STATE.show_plan(self._scene_id, self._job.graph, self._job.memory)
         STATE.show_report(self._scene_id, baked.layers.report)
         where = f" to {self._path}" if self._path else ""
+        if self._waits:
+            where = " to images; once this Blender file is saved, also to a file beside it"
         seconds = baked.layers.report["seconds"]
         self.report({"INFO"}, f"Baked {len(baked.layers.layers)} layers in {seconds:.1f} s{where}")
         return {"FINISHED"}

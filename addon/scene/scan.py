@@ -12,6 +12,7 @@ import numpy as np
 from ..core.errors import StrataError
 from ..core.outline import Bounds, Camera, Instance, Light, Material, Mesh, Outline
 from .cameras import camera_of, camera_warnings, frame_size_of, pixel_filter_of, region_of
+from .edit_mode import edited_mesh, is_edited, unseen_modifiers
 from .lamp_names import LampNames
 from .light_linking import linked_objects
 from .lights import light_of
@@ -88,6 +89,7 @@ class _Scanner:
     lights: list[Light] = field(default_factory=list)
     light_objects: list[tuple[bpy.types.Object, bpy.types.Object]] = field(default_factory=list)
     shown: dict[int, bool] = field(default_factory=dict)
+    edited_meshes: dict[int, bpy.types.Mesh] = field(default_factory=dict)
     warnings: dict[str, None] = field(default_factory=dict)
 
     def run(self) -> Scan:
@@ -176,7 +178,7 @@ class _Scanner:
 
     def _mesh(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> None:
         owner = instance.parent if instance.is_instance else shown
-        mesh, original = shown.data, shown.original
+        mesh, original = self._mesh_of(shown), shown.original
         # All that instances have in common but the matrix; scenes with many have few different ones.
         key = (original.session_uid, owner.original.session_uid, mesh.as_pointer())
         if key not in self.looks:
@@ -189,6 +191,17 @@ class _Scanner:
             self.objects.append(original)
             self.instance_owners.append(0 if instance.is_instance else original.session_uid)
             self.matrices.append((*matrix[0], *matrix[1], *matrix[2], *matrix[3]))
+
+    def _mesh_of(self, shown: bpy.types.Object) -> bpy.types.Mesh:
+        if not is_edited(shown):
+            return shown.data
+        original = shown.original
+        if original.session_uid not in self.edited_meshes:
+            self.edited_meshes[original.session_uid] = edited_mesh(shown)
+            if unseen := unseen_modifiers(original, self.depsgraph.mode == "RENDER"):
+                names = ", ".join(f"'{name}'" for name in unseen)
+                self._warn(f"object '{original.name}' is in Edit Mode: shown without its modifiers {names}")
+        return self.edited_meshes[original.session_uid]
 
     def _look(self, instance, shown: bpy.types.Object, owner: bpy.types.Object, mesh: bpy.types.Mesh) -> dict:
         view_layer = self.depsgraph.view_layer_eval
@@ -234,7 +247,11 @@ class _Scanner:
         """The mesh's, overridden by those that the object itself fills (BKE_object_material_get_eval)."""
         used = list(mesh.materials)
         source = instance.instance_object if instance.is_instance else shown
-        if source is not None and source.data is not None and source.data.as_pointer() == mesh.as_pointer():
+        if (
+            source is not None
+            and source.data is not None
+            and source.data.as_pointer() == shown.data.as_pointer()
+        ):
             for index, slot in enumerate(source.material_slots):
                 if slot.link == "OBJECT":
                     used += [None] * (index + 1 - len(used))

@@ -16,6 +16,7 @@ from ..layers.exr_params import ExrParams
 from ..measure.report import LayerError, NotMeasured, error_of
 from ..scene.own_settings import own_specs
 from . import plot
+from .properties import waits_for_saving
 from .state import STATE, PlanRow
 
 LETTER_PIXELS = 7.2  # of the interface's font at scale 1, on average
@@ -105,6 +106,8 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
     column.prop(settings, "save_to")
     if settings.save_to != "IMAGES":
         column.prop(settings, "output")
+    if waits_for_saving(context.scene):
+        text(column, context, "This file is not saved yet: layers go to images", "INFO")
 
 
 def writes_file(context) -> bool:

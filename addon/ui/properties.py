@@ -64,6 +64,13 @@ def exr_of(scene: bpy.types.Scene, **overrides: Any) -> ExrParams:
     return ExrParams.checked("exr", values | {k: v for k, v in overrides.items() if v is not None})
 
 
+def waits_for_saving(scene: bpy.types.Scene) -> bool:
+    """Whether the file to bake to lies beside a Blender file that was never saved, and there are images to go
+    to until then."""
+    settings = scene.strata
+    return settings.save_to == "BOTH" and settings.output.startswith("//") and not bpy.data.filepath
+
+
 def fill_ramp(ramp: bpy.types.ColorRamp, value: Ramp) -> None:
     """The inverse of scene/own_settings.py `ramp_of`."""
     ramp.interpolation, ramp.color_mode = value.interpolation.name, value.mode.name
