@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from .core.recorder import plan
 from .core.sampling import Sampling
 from .core.sequence import SequenceLayer, with_neutral
 from .core.slices import timed
+from .core.surface import Chunk
 from .devices.cpu import CpuRays
 from .devices.start import Devices, start_devices
 from .effects.registry import EFFECTS, effect_named
@@ -128,7 +131,8 @@ class Baked:
 class BakeJob:
     """A bake under way. `advance` works for about a budget of seconds, so that it can run in time slices on
     the main thread (a GPU) or to its end on a worker thread (the CPU). What the graph lacks of `sequence` is
-    neutral in the result; `warnings` go to its report."""
+    neutral in the result; `warnings` go to its report. Where `tiles` is a queue, it gets tiles of the
+    composite so far, each as its first row and its pixels (rows, width, 4)."""
 
     def __init__(
         self,
@@ -153,6 +157,7 @@ class BakeJob:
         self._started = self._shown = time.perf_counter()
         self._forecast: Forecast | None = None
         self._outlook: MeasuringOutlook | None = None
+        self.tiles: deque[tuple[int, np.ndarray]] | None = None
         self._warnings = [*warnings, *outline.warnings, *arrays.warnings]
         self._read_seconds = read_seconds
         self._look_seconds = 0.0
@@ -215,7 +220,8 @@ class BakeJob:
         errors: dict[str, LayerError | NotMeasured] = {}
         for number, group in enumerate(groups):
             self.stage = "Baking"
-            for _ in executor.run(group, sampling, measurement, execution):
+            sampled = partial(self._show_tile, execution, number == 0)
+            for _ in executor.run(group, sampling, measurement, execution, sampled):
                 self._show_progress()
                 yield
             if measurement:
@@ -240,6 +246,16 @@ class BakeJob:
         if self._outlook:
             left += self._outlook.seconds_left(passed + left)
         self.progress = max(self.progress, passed / (passed + left))
+
+    def _show_tile(self, execution: Execution, is_first_group: bool, chunk: Chunk) -> None:
+        """After a tile's 1st, 2nd, 4th ... and last sample. Of other groups all or nothing is there."""
+        taken = chunk.sample + 1
+        if self.tiles is None or (taken & chunk.sample and taken < chunk.samples):
+            return
+        name = next((layer.name for layer in self.graph.layers if _is_composite(layer)), None)
+        if name in execution.images:
+            tile = execution.images[name][chunk.y0 : chunk.y1]
+            self.tiles.append((chunk.y0, tile / np.float32(taken if is_first_group else chunk.samples)))
 
     def _look(self, executor: Executor) -> Generator[None]:
         """Takes a coarse picture of the scene and plans again with it: boxes alone cannot tell that a wall
@@ -431,6 +447,10 @@ def _value_apart(executor: Executor, node: Node, device) -> tuple[Any, float]:
         timings.clear()
         timings.update(before)
     return value, seconds - sum(timing.seconds for timing in before.values())
+
+
+def _is_composite(layer: PlannedLayer) -> bool:
+    return not layer.effect and layer.light_index is None
 
 
 def _own_nodes(graph: Graph) -> dict[str, list]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -146,6 +147,19 @@ def test_the_next_slice_after_cancelling_raises(stage):
         job.advance()
     with pytest.raises(Cancelled):  # and for good
         job.advance()
+
+
+def test_what_there_is_so_far_is_shown_and_changes_nothing():
+    options = {"samples": 8, "probes": 0, "composite": True}
+    job = job_of(*random_scene(1), **options)
+    job.tiles = deque()
+    composite = job.result().composite
+    np.testing.assert_array_equal(composite, bake(**options).composite)
+    assert {first_row for first_row, _ in job.tiles} == {0}
+    apart = [float(np.abs(tile - composite).mean()) for _, tile in job.tiles]  # after 1, 2, 4, 8 samples
+    assert len(apart) == 4
+    assert apart == sorted(apart, reverse=True)
+    assert apart[0] > 0.0 == apart[-1]
 
 
 def test_a_bake_whose_every_layer_the_look_empties():

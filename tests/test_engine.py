@@ -331,7 +331,7 @@ def test_a_break_stops_at_once(seconds):
     *read, _ = read_scene(chosen.scene, chosen.view_layer, options, size=(320, 180))
     engine, job = FakeEngine(seconds), BakeJob(*read, options)
     with pytest.raises(Cancelled):
-        StrataRenderEngine._baked(engine, job)
+        StrataRenderEngine._baked(engine, job, bpy.context.evaluated_depsgraph_get())
     assert time.monotonic() - engine.pressed < SECONDS_TO_STOP
     assert engine.progress == sorted(engine.progress)
 

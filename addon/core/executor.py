@@ -163,10 +163,11 @@ class Executor:
         sampling: Sampling,
         collector: Collector | None = None,
         execution: Execution | None = None,
+        sampled: Callable[[Chunk], None] | None = None,
     ) -> Iterator[float]:
         """A generator of the share done so far, one value a node; `self.execution` holds the result at its
-        end. `execution` goes on with an earlier run's. Raises Cancelled when the flag of either device is
-        set."""
+        end. `execution` goes on with an earlier run's. `sampled` is called after each sample of a tile.
+        Raises Cancelled when the flag of either device is set."""
         context = self._now = _Context(graph, execution=execution or Execution())
         if not graph.layers:
             return
@@ -212,6 +213,8 @@ class Executor:
                 self._drop_passing(context)
                 if chunk.y1 == sampling.height:
                     context.execution.samples = chunk.sample + 1
+                if sampled is not None:
+                    sampled(chunk)
         finally:
             self._drop_passing(context)
             self._trim()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from contextlib import suppress
 
 import bpy
@@ -93,21 +94,26 @@ class StrataRenderEngine(bpy.types.RenderEngine):
         devices = start_devices(options.backend)
         try:
             job = BakeJob(*read, options, devices, seconds)
-            return job, self._baked(job, depsgraph.scene.render.use_lock_interface)
+            return job, self._baked(job, depsgraph)
         except NotServed as reason:
             self.report({"WARNING"}, f"Rendered on the CPU: {reason}")
             devices = Devices(devices.fallback, devices.fallback, str(reason))
             job = BakeJob(*read, options, devices, seconds)
-            return job, self._baked(job)
+            return job, self._baked(job, depsgraph)
 
-    def _baked(self, job: BakeJob, is_locked: bool = False) -> Baked:
-        """`is_locked`: the window takes no events while it renders. Raises NotServed where the job is the
-        GPU's, and this thread cannot have it."""
-        runner = runner_of(job, is_locked)
+    def _baked(self, job: BakeJob, depsgraph) -> Baked:
+        """Shows in a window what is there so far. Raises NotServed where the job is the GPU's, and this
+        thread cannot have it."""
+        if not bpy.app.background:
+            job.tiles = deque()
+        runner = runner_of(job, depsgraph.scene.render.use_lock_interface)
         try:
             while (baked := runner.step(POLL_SECONDS)) is None:
                 if self.test_break():
                     runner.cancel()
+                while job.tiles:
+                    first_row, tile = job.tiles.popleft()
+                    self._put(depsgraph.view_layer.name, [PassImage(COMBINED, "RGBA", tile)], first_row)
                 self.update_progress(job.progress)
                 self.update_stats("", f"Strata: {job.stage} {100 * job.progress:.0f}%")
             return baked
@@ -119,8 +125,12 @@ class StrataRenderEngine(bpy.types.RenderEngine):
         for image in images:
             if image.name != COMBINED:
                 self.add_pass(image.name, len(image.channels), image.channels, layer=layer_name)
+        self._put(layer_name, images)
+
+    def _put(self, layer_name: str, images: list[PassImage], first_row: int = 0) -> None:
+        """Into passes that are there, whole rows of what is computed."""
         height, width = images[0].pixels.shape[:2]
-        result = self.begin_result(0, 0, width, height, layer=layer_name)
+        result = self.begin_result(0, first_row, width, height, layer=layer_name)
         by_name = {image.name: image.pixels for image in images}
         for render_pass in result.layers[0].passes:  # once for each eye, where there are two
             if render_pass.name in by_name:
