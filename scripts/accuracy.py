@@ -16,7 +16,7 @@ from benchmark.sections import read_sections
 sys.path.append(str(ROOT / "tests"))  # the closed forms live with the tests
 
 import demo
-from benchmark import against_cycles, airlight, fringe, plates, toon_errors, units
+from benchmark import against_cycles, airlight, close_casters, fringe, plates, toon_errors, units
 
 DOCUMENT = ROOT / "docs" / "accuracy.md"
 METHODS = ("bitmask", "hybrid", "area")
@@ -156,9 +156,32 @@ def volumetric(quick: bool) -> str:
     )
 
 
+def close(quick: bool) -> str:
+    """What stands close to spots and points."""
+    size, radii = ((60, 45), (0.1,)) if quick else (close_casters.SIZE, close_casters.RADII_M)
+    rows = {}
+    for found in close_casters.measure(close_casters.LAMPS, close_casters.FIXTURES, radii, METHODS, size):
+        rows.setdefault((found.lamp, found.fixture, found.method), []).append(rmse(found.rmse))
+    return "\n\n".join(
+        [
+            "### Close to spots and points",
+            f"A lamp {close_casters.HEIGHT_M:g} m above a ground and, in proportion to its radius (at least "
+            "0.1 m), what an artist puts close to it: a plate with holes one radius below, barn doors, a "
+            "cylinder of 1.5 and a cone of 1.2 to 2.4 radii about it, a window frame 1.3 radii before it; or "
+            f"a plate of 2.4 m, 1 m below. Default settings but the method, {size[0]}x{size[1]}; against "
+            f"{close_casters.RAYS} rays from every point: RMSE by the lamp's radius in metres.",
+            table(
+                ["lamp", "close to it", "method", *(f"{radius:g}" for radius in radii)],
+                [[*key, *figures] for key, figures in rows.items()],
+            ),
+        ]
+    )
+
+
 SECTIONS = {
     "courtyard": courtyard,
     "plates": closed_forms,
+    "close": close,
     "fringes": fringes,
     "radiance": radiance,
     "toon": toon_shading,

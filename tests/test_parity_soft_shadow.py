@@ -21,7 +21,7 @@ from strata.addon.core.surface import Chunk
 from strata.addon.core.view import View
 from strata.addon.effects.shared.steps import LAYERED_DEPTH, SURFACE
 from strata.addon.effects.soft_shadow.steps import BACKPROJECT, PREPARE, RECEIVERS, VISIBILITY
-from strata.addon.effects.soft_shadow.views import light_views
+from strata.addon.effects.soft_shadow.views import cube_axes, light_views
 
 POINTS = ("position", "geometric_normal", "shading_normal", "instance")
 SIZE = (120, 68)
@@ -35,8 +35,8 @@ LIGHTS = {
     "rectangle": Emitter(EmitterKind.RECTANGLE, (0.5, -0.5, 5.0), *SLANTED, 0.6, 0.4),
     "rectangle of spread": Emitter(EmitterKind.RECTANGLE, (0.5, -0.5, 5.0), *DOWN, 0.6, 0.4, 1.2),
     "ellipse": Emitter(EmitterKind.ELLIPSE, (0.5, -0.5, 5.0), *DOWN, 0.6, 0.4),
-    "sphere": Emitter(EmitterKind.SPHERE, (0.3, -0.2, 2.9), *DOWN, 0.3, 0.3),
-    "facing disk": Emitter(EmitterKind.FACING_DISK, (0.3, -0.2, 2.9), *DOWN, 0.3, 0.3),
+    "sphere": Emitter(EmitterKind.SPHERE, (0.3, -0.2, 2.9), *DOWN, 0.2, 0.2),
+    "facing disk": Emitter(EmitterKind.FACING_DISK, (0.3, -0.2, 2.9), *DOWN, 0.2, 0.2),
     "sphere too close": Emitter(EmitterKind.SPHERE, (0.3, -0.2, 0.7), *DOWN, 0.5, 0.5),
     "spot": Emitter(EmitterKind.SPHERE, (0.3, -0.2, 4.1), *DOWN, 0.3, 0.3, math.inf, 0.6, 0.3),
     "sun": Emitter(EmitterKind.DISTANT_DISK, (0.0, 0.0, 0.0), *SLANTED, 0.05, 0.05),
@@ -166,19 +166,20 @@ def nested(courtyard, emitter):
         )
 
 
+@pytest.mark.parametrize("method", ["bitmask", "hybrid"])
 @pytest.mark.parametrize("light", ["spot", "sphere"])
-def test_tables_of_what_stands_beside_agree(courtyard, light):
+def test_tables_of_what_stands_beside_agree(courtyard, light, method):
     maps = list(courtyard.depths(LIGHTS[light]))
     rng = np.random.default_rng(5)
     tables = [rng.integers(0, 2, (6, 9)).astype(np.uint8) for _ in maps]
-    cpu, gpu = shadows(courtyard, LIGHTS[light], "hybrid", maps, tables=tables)
+    cpu, gpu = shadows(courtyard, LIGHTS[light], method, maps, tables=tables)
     assert_alike(cpu, gpu)
-    without, _ = shadows(courtyard, LIGHTS[light], "hybrid", maps)
+    without, _ = shadows(courtyard, LIGHTS[light], method, maps)
     assert (cpu[1] != without[1]).mean() > 0.02
 
 
 @pytest.mark.parametrize("method", ["bitmask", "hybrid", "area"])
-@pytest.mark.parametrize("light", ["rectangle", "ellipse", "sun"])
+@pytest.mark.parametrize("light", ["rectangle", "ellipse", "sun", "spot"])
 def test_nested_windows_agree(courtyard, light, method):
     maps = list(nested(courtyard, LIGHTS[light]))
     cpu, gpu = shadows(courtyard, LIGHTS[light], method, maps)
@@ -187,6 +188,23 @@ def test_nested_windows_agree(courtyard, light, method):
     for few in (maps[:1], maps[1:]):
         without, _ = shadows(courtyard, LIGHTS[light], method, few)
         assert np.abs(without[0] - cpu[0]).max() > 0.01
+
+
+@pytest.mark.parametrize("method", ["bitmask", "hybrid", "area"])
+def test_faces_of_nested_windows_agree(courtyard, method):
+    light = LIGHTS["facing disk"]
+    maps = []
+    for number, (_, axes) in enumerate(cube_axes()):
+        # Of some faces one window, of others two.
+        for side in (0.87, 2.3)[number % 2 :]:
+            view = View(light.centre, *axes, (-side, side, -side, side), 0.01, 20.0)
+            shown = courtyard.cpu, courtyard.geometry, view, courtyard.everything
+            maps.append((view, LAYERED_DEPTH.cpu(*shown, 4, 128, 128)))
+    cpu, gpu = shadows(courtyard, light, method, maps)
+    assert_alike(cpu, gpu)
+    # Both of a face's windows are read.
+    without, _ = shadows(courtyard, light, method, [each for each in maps if each[0].window[1] > 1.0])
+    assert np.abs(without[0] - cpu[0]).max() > 0.01
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What stands close to a light, beside its maps' windows: the doubt that sends such points to rays."""
+"""What is so close to a light that no map knows it: the doubt that sends such points to rays."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def tables_of(stage, emitter, views):
     return [beside.table(looks, emitter, view) for view in views]
 
 
-def visibility(stage, emitter, points, with_tables):
-    """V by maps (N,), where it is doubted (N,), V by 1024 rays (N,), and the weight of each point (N,)."""
+def visibility(stage, emitter, points, with_tables, leave_uncertain=True):
+    """V by maps (N,), how it is doubted (N,), V by 1024 rays (N,), and the weight of each point (N,)."""
     views, _ = light_views(emitter, stage.boxes, np.array([[points.min(axis=0), points.max(axis=0)]]))
     views = [view for _, view in views]
     depths = [
@@ -49,13 +49,13 @@ def visibility(stage, emitter, points, with_tables):
     surface = (points.astype(np.float32), normals, normals)
     tables = tables_of(stage, emitter, views) if with_tables else []
     found, doubt = kernels.soft_shadow_backproject(
-        *surface, stage.origin, emitter.packed(), maps, leave_uncertain=True, beside=tables
+        *surface, stage.origin, emitter.packed(), maps, leave_uncertain=leave_uncertain, beside=tables
     )
     accelerator = kernels.Accel(stage.geometry, stage.origin, stage.everything())
     truth, weight = kernels.ray_visibility(
         accelerator, stage.everything(), emitter.packed(), stage.origin, *surface, 1024, 3
     )
-    return found, doubt != 0, truth, weight
+    return found, doubt, truth, weight
 
 
 def test_a_tray_above_a_spot_is_doubted_where_it_hides_a_part():
@@ -63,26 +63,34 @@ def test_a_tray_above_a_spot_is_doubted_where_it_hides_a_part():
     found, doubt, truth, weight = visibility(stage, SPOT, points, with_tables=False)
     error, lit = np.abs(found - truth), weight > 1e-3 * weight.max()
     # Without the table the map is sure of light that the tray keeps away.
-    assert error[lit & ~doubt].max() > 0.1
+    assert error[lit & (doubt == 0)].max() > 0.1
     _, doubt, _, _ = visibility(stage, SPOT, points, with_tables=True)
-    assert error[lit & ~doubt].max() < 0.03
+    assert error[lit & (doubt == 0)].max() < 0.03
     # And believed where the disk does not lean behind the lamp far enough.
-    assert 0.02 < (lit & ~doubt).sum() / lit.sum() < 0.98
+    assert 0.02 < (lit & (doubt == 0)).sum() / lit.sum() < 0.98
     assert not doubt[lit & (np.linalg.norm(points[:, :2], axis=1) < 0.2)].any()
 
 
-def test_a_bar_beside_a_cube_face_is_doubted_from_that_face():
+def test_a_bar_far_out_of_a_cube_face_is_known_from_that_face():
     points, stage = ground_points(half=3.6, count=41, z=-3.0), Stage([GROUND - (0, 0, 3.0), *CORNERS, BAR])
     found, doubt, truth, _ = visibility(stage, BULB, points, with_tables=False)
-    error = np.abs(found - truth)
-    assert error[~doubt].max() > 0.08
-    _, doubt, _, _ = visibility(stage, BULB, points, with_tables=True)
-    assert error[~doubt].max() < 0.03
-    assert 0.05 < doubt.mean() < 0.6
+    assert truth.min() < 0.9
+    assert np.abs(found - truth)[doubt == 0].max() < 0.03
+    assert (doubt != 0).mean() < 0.1
+
+
+def test_without_other_doubts_the_tables_alone_leave_points_to_rays():
+    points, stage = ground_points(half=2.0, count=21), Stage([GROUND, BOARD, *RIM, TRAY])
+    _, doubt, _, _ = visibility(stage, SPOT, points, with_tables=True, leave_uncertain=False)
+    assert set(np.unique(doubt)) == {0, 2}
+    _, both, _, _ = visibility(stage, SPOT, points, with_tables=True)
+    np.testing.assert_array_equal(both == 2, doubt == 2)
+    _, none, _, _ = visibility(stage, SPOT, points, with_tables=False, leave_uncertain=False)
+    assert not none.any()
 
 
 def test_nothing_is_doubted_for_casters_that_maps_know_or_that_are_far():
-    high = plate(-3.0, 3.0, -3.0, 3.0, 2.0 + 1.01 * beside.REACH * SPOT.half_width)
+    high = plate(-3.0, 3.0, -3.0, 3.0, 2.0 + 1.01 * beside.reach_m(SPOT))
     stage = Stage([GROUND, BOARD, high])
     views, _ = light_views(SPOT, stage.boxes, np.array([[(-2, -2, 0), (2, 2, 0)]], float))
     (table,) = tables_of(stage, SPOT, [view for _, view in views])
@@ -93,14 +101,18 @@ def test_nothing_is_doubted_for_casters_that_maps_know_or_that_are_far():
 
 def test_a_light_whose_only_casters_are_behind_it_still_looks_at_all_it_shines_on():
     receivers = np.array([[(-2, -2, 0), (2, 2, 0)]], float)
-    assert not light_views(SPOT, Stage([GROUND, TRAY]).boxes, receivers)[0]
-    ((_, view),) = beside.views_of_all(SPOT, receivers)
-    assert view.window[1] == pytest.approx(4.0 / 3.0)
-    assert len(beside.views_of_all(BULB, receivers)) == 6
+    boxes = Stage([GROUND, TRAY]).boxes
+    assert not light_views(SPOT, boxes, receivers)[0]
+    ((_, view),), _ = light_views(SPOT, boxes, receivers, hold_receivers=True)
+    assert view.window[1] == pytest.approx(1.0, abs=0.01)
+    # Of the lamp without a cone the face that looks down has casters, others have receivers.
+    views, left_out = light_views(BULB, boxes, receivers, hold_receivers=True)
+    assert {name[:2] for name, _ in views} == {"+X", "-X", "+Y", "-Y", "-Z"}
+    assert ("face +Z", "no receivers") in left_out
 
 
 def test_only_casters_within_reach_are_looked_at():
-    edge = 2.0 - beside.REACH * SPOT.half_width
+    edge = 2.0 - beside.reach_m(SPOT)
     boxes = np.array([[(-9, -9, edge - 1), (9, 9, edge - 0.01)], [(-9, -9, edge - 1), (9, 9, edge + 0.01)]])
     np.testing.assert_array_equal(beside.close_casters(SPOT, boxes), [False, True])
 

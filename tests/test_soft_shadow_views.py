@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from soft_shadow_scenes import DOWN, lamp
 from strata.addon.core.emitter import EmitterKind
-from strata.addon.effects.soft_shadow.views import FACE_TANGENT, light_views, too_far
+from strata.addon.effects.soft_shadow.views import light_views, too_far
 
 REGION = np.array([[[-20.0, -20.0, 0.0], [20.0, 20.0, 2.0]]])
 GROUND = np.array([[-500.0, -500.0, 0.0], [500.0, 500.0, 0.0]])
 CRATE = np.array([[-1.0, -0.5, 0.5], [1.0, 0.5, 1.5]])
+SIDES = ("+", "-X", "-Y")
 SUN = lamp(EmitterKind.DISTANT_DISK, half=(0.005, 0.005))
 
 
@@ -71,7 +72,7 @@ def test_a_point_light_gets_the_faces_that_matter():
     assert reasons["face +Z"] == "no receivers"
     assert reasons["face +X"] == "no casters"
     assert in_window(views[0][1], corners(CRATE)).all()
-    assert max(map(abs, views[0][1].window)) <= FACE_TANGENT * 1.01
+    assert max(map(abs, views[0][1].window)) <= 0.41
 
 
 def test_a_narrow_spot_gets_one_frustum_and_a_wide_one_faces():
@@ -84,7 +85,7 @@ def test_a_narrow_spot_gets_one_frustum_and_a_wide_one_faces():
 
 def test_the_nearest_caster_is_in_front_of_the_near_plane():
     plate = np.array([[-1.0, -1.0, 1.5], [1.0, 1.0, 1.5]])
-    for emitter in (lamp(), SUN, lamp(EmitterKind.SPHERE)):
+    for emitter in (lamp(), SUN, lamp(EmitterKind.SPHERE, half=(0.1, 0.1))):
         ((_, view),), _ = views_of(emitter, plate)
         depth = view.to_view(plate)[:, 2].min()
         # Far enough for float32, near enough to cost no precision.
@@ -95,10 +96,28 @@ def test_a_mesh_around_the_lamp_is_seen_whole():
     room = np.array([[-3.0, -3.0, -1.0], [3.0, 3.0, 5.0]])
     region = room[None]
     views, left_out = light_views(lamp(EmitterKind.SPHERE, half=(0.1, 0.1)), room[None], region)
-    assert len(views) == 6
+    # The room's box does not say how close it is.
+    assert [name for name, _ in views] == [letter + axis for axis in "XYZ" for letter in "+-"]
     assert left_out == []
     for _, view in views:
         assert view.near < 0.01 * view.far
+
+
+def test_what_is_close_to_a_spot_or_a_point_widens_their_windows():
+    """A plate, and a lamp of 0.2 m that is `away` above it: from the edge of what a view lights, at 30 or 45
+    degrees, its rim is seen past what lies far outside."""
+    spot = lamp(EmitterKind.FACING_DISK, half=(0.2, 0.2), cos_cone=np.cos(np.radians(30.0)))
+    bulb = lamp(EmitterKind.SPHERE, half=(0.2, 0.2))
+    for emitter, edge in ((spot, 30.0), (bulb, 45.0)):
+        for away in (0.25, 0.5, 1.0):
+            close = np.array([[-4.0, -4.0, 4.0 - away], [4.0, 4.0, 4.0 - away]])
+            views, _ = views_of(emitter, close)
+            widest = max(view.window[1] for name, view in views if not name.startswith(SIDES))
+            # In the plane of the axis the rim is seen past a slope of tan(edge) + radius / (away cos(edge)).
+            needed = np.tan(np.radians(edge)) + 0.2 / np.cos(np.radians(edge)) * (1.0 / away - 1.0 / 4.0)
+            assert widest > min(needed, 4.0 / away) * 0.999
+        far = np.array([[-4.0, -4.0, 0.5], [4.0, 4.0, 1.0]])
+        assert all(max(map(abs, view.window)) < 1.6 for _, view in views_of(emitter, far)[0])
 
 
 def test_penumbras_of_casters_beside_the_receivers_are_kept():

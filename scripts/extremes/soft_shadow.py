@@ -156,6 +156,19 @@ def _distances(devices) -> Iterator[Row]:
         yield _row(devices, f"only the lamp {distance:g} m away, as large to the eye as at 4 m", emitter)
 
 
+def _close(devices) -> Iterator[Row]:
+    """A plate so close to a point that it hides the rim from points that see it far aside."""
+    points = ground_points(half=3.0, count=31)
+    for kind, shape in ((EmitterKind.FACING_DISK, "disk"), (EmitterKind.SPHERE, "sphere")):
+        for radius, share in ((0.01, 2.0), (0.1, 1.2), (0.1, 5.0), (0.5, 1.2), (0.5, 3.0)):
+            size = radius * max(share, 1.5)
+            plate = LOW * (size, size, 0.0) + (0.0, 0.0, 4.0 - share * radius)
+            name = f"a {shape} of {radius:g} m, a plate {share:g} radii below it"
+            yield _row(
+                devices, name, lamp(kind, half=(radius, radius)), (GROUND, plate), plate, points=points
+            )
+
+
 def _places(devices) -> Iterator[Row]:
     for offset in (1e3, 1e5, 1e7, 1e9):
         origin = offset, -offset, offset
@@ -198,5 +211,5 @@ def _views(devices) -> Iterator[Row]:
 
 def rows(devices) -> Iterator[Row]:
     """Every extreme, on each of `devices`."""
-    for group in (_sizes, _distances, _places, _slivers, _views):
+    for group in (_sizes, _distances, _close, _places, _slivers, _views):
         yield from group(devices)

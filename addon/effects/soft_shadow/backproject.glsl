@@ -1,8 +1,8 @@
 // Visible share of a light's irradiance at shading points, and where to doubt it: evaluate.rs `visibility`.
 //
-// Dispatched once a map, for the points that chose it; with NESTED for all points, since all read all maps, and what
-// is hidden goes from one to the next; with UNMAPPED once for each axis that a light without a map is seen along, for
-// the points that chose none. AREA takes the thesis's sum instead of the bitmask. With a spacing, once for the points of
+// Dispatched once a map, for the points that chose it; with NESTED, one of a nest of windows, for those that chose any
+// of the nest, since they read all of it, and what is hidden goes from one to the next; with UNMAPPED once for each axis
+// that a light without a map is seen along, for the points that chose none. AREA takes the thesis's sum instead of the bitmask. With a spacing, once for the points of
 // a grid, and with BETWEEN once more for those that its points do not tell.
 #include "light.glsl"
 #include "map.glsl"
@@ -18,7 +18,7 @@
 #endif
 
 #ifdef AREA
-void evaluate(Seen seen, ivec2 pixel, bool doubtful)
+void evaluate(Seen seen, ivec2 pixel, uint doubt)
 {
   Search search;
   if (start_search(seen, search)) {
@@ -27,17 +27,17 @@ void evaluate(Seen seen, ivec2 pixel, bool doubtful)
   }
 }
 #else
-void answer(ivec2 pixel, float share, bool doubt)
+void answer(ivec2 pixel, float share, uint doubt)
 {
   imageStore(visibility, pixel, vec4(share));
-  imageStore(uncertain, pixel, uvec4(uint(doubt)));
+  imageStore(uncertain, pixel, uvec4(doubt));
 }
 
 // What is hidden before this map is read.
 Bits hidden_before(Seen seen, ivec2 pixel, bool at_horizon)
 {
 #  ifdef NESTED
-  if (params.settings.w > 0.0) {
+  if (params.settings.w > params.nest.x) {
     ivec2 at = ivec2(2, 1) * pixel;
     return Bits(imageLoad(hidden_bits, at), imageLoad(hidden_bits, at + ivec2(1, 0)));
   }
@@ -48,8 +48,8 @@ Bits hidden_before(Seen seen, ivec2 pixel, bool at_horizon)
   return Bits(uvec4(0u), uvec4(0u));
 }
 
-// `doubtful`: what choose.glsl says of the map.
-void evaluate(Seen seen, ivec2 pixel, bool doubtful)
+// `doubt`: what choose.glsl says of the map.
+void evaluate(Seen seen, ivec2 pixel, uint doubt)
 {
   // Written so that a NaN in a normal reads as no light.
   bool receives_light = height_range(seen, seen.shading_normal).y > 0.0;
@@ -58,20 +58,21 @@ void evaluate(Seen seen, ivec2 pixel, bool doubtful)
   }
   vec2 heights = height_range(seen, seen.geometric_normal);
   bool at_horizon = heights.x <= 0.0;
-  bool doubt = seen.too_close;
+  bool unsure = seen.too_close;
 #  ifndef UNMAPPED
   bool readable = heights.y > 0.0;
-  doubt = doubt || (readable && (at_horizon || doubtful));
+  doubt = readable ? doubt : 0u;
+  unsure = unsure || (readable && at_horizon) || doubt == 1u;
 #  endif
   bool leave_uncertain = params.window_high.w > 0.0; // rays will replace it
-  if (doubt && leave_uncertain) {
-    answer(pixel, 1.0, true);
+  if (doubt >= 2u || (unsure && leave_uncertain)) {
+    answer(pixel, 1.0, doubt >= 2u ? 2u : 1u);
     return;
   }
 #  ifdef BETWEEN
   float share;
   if (readable && is_between(pixel, share)) {
-    answer(pixel, share, false);
+    answer(pixel, share, 0u);
     return;
   }
 #  endif
@@ -83,14 +84,14 @@ void evaluate(Seen seen, ivec2 pixel, bool doubtful)
   }
 #  endif
 #  ifdef NESTED
-  if (params.settings.w + 1.0 < params.window_high.z) {
+  if (params.settings.w + 1.0 < params.nest.y) {
     ivec2 at = ivec2(2, 1) * pixel;
     imageStore(hidden_bits, at, hidden.low);
     imageStore(hidden_bits, at + ivec2(1, 0), hidden.high);
     return;
   }
 #  endif
-  answer(pixel, none_hidden(hidden) ? 1.0 : resolve(seen, hidden), false);
+  answer(pixel, none_hidden(hidden) ? 1.0 : resolve(seen, hidden), 0u);
 }
 #endif
 
@@ -126,9 +127,9 @@ void main()
 #endif
   uint chosen = texelFetch(choice, pixel, 0).r;
 #ifdef NESTED
-  bool reads = chosen > 0u;
+  bool reads = chosen / 4u > uint(params.nest.x) && chosen / 4u <= uint(params.nest.y);
 #else
-  bool reads = chosen / 8u == uint(params.settings.w + 1.0);
+  bool reads = chosen / 4u == uint(params.settings.w + 1.0);
 #endif
   if (!reads) {
     return;
@@ -140,5 +141,5 @@ void main()
   if (!see(place, facing, shaded, seen) || !is_my_point(place, seen)) {
     return;
   }
-  evaluate(seen, pixel, (chosen & 4u) != 0u);
+  evaluate(seen, pixel, chosen & 3u);
 }

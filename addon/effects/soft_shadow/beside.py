@@ -1,7 +1,7 @@
-"""What stands close to a round light, beside the windows of its maps: where it may hide a part of the light.
+"""What stands so close to a round light that its maps cannot know it: where it may hide a part of the light.
 
 A point sees a sphere or a facing disk as a disk that is turned to it. Rays to its rim reach behind the
-light's plane and out of the window, where no map of that point looks: to a lantern's tray above its bulb.
+light's plane, where no map of that point looks: to a lantern's tray above its bulb.
 """
 
 from __future__ import annotations
@@ -10,47 +10,34 @@ import math
 
 import numpy as np
 
-from ...core.culling import corners_of
 from ...core.emitter import Emitter
 from ...core.view import View
-from .views import FACE_TANGENT, SMALLEST_NEAR, WIDEST_SPOT, cube_axes
-
-REACH = 10.0
-"""Radii of the light within which casters are looked for. Farther ones hide a part of it from directions
-within 6 degrees of their own, for which there is a band around cube faces."""
+from .views import FACE_TANGENT, WIDEST_SPOT, WIDEST_TANGENT, cube_axes
 
 LOOK_RESOLUTION = 128  # texels, a side of the look around
 CELLS = 32  # a side of the tables, and of the look's nearest distances
 
 
+def reach_m(emitter: Emitter) -> float:
+    """How far from the light's centre at most something is that hides a part of it from a point and that
+    the maps along the point's axis cannot know: it is seen more than WIDEST_TANGENT from the axis, and so at
+    that angle less the point's from the point's own direction, and hides by asin(radius / distance)."""
+    farthest = math.atan(FACE_TANGENT * math.sqrt(2.0))
+    if emitter.cos_cone > WIDEST_SPOT:
+        farthest = math.acos(emitter.cos_cone)
+    return emitter.half_width / math.sin(math.atan(WIDEST_TANGENT) - farthest)
+
+
 def close_casters(emitter: Emitter, boxes: np.ndarray) -> np.ndarray:
-    """(N,) bool: boxes (N, 2, 3) in the world that come within REACH."""
+    """(N,) bool: boxes (N, 2, 3) in the world that come within `reach_m`."""
     centre = np.array(emitter.centre)
     nearest = np.clip(centre, boxes[:, 0], boxes[:, 1])
-    return np.linalg.norm(nearest - centre, axis=1) <= REACH * emitter.half_width
-
-
-def views_of_all(emitter: Emitter, receivers: np.ndarray) -> list[tuple[str, View]]:
-    """Views of all that a light shines on, boxes (R, 2, 3) in the world, for a light whose only casters are
-    beside every window that casters would have."""
-    far = 1.001 * float(np.linalg.norm(corners_of(receivers) - np.array(emitter.centre), axis=-1).max())
-    widest = _widest(emitter)
-    faces = [("", (emitter.right, emitter.up, emitter.forward))]
-    if emitter.cos_cone <= WIDEST_SPOT:
-        faces = cube_axes()
-    window = (-widest, widest, -widest, widest)
-    return [(name, View(emitter.centre, *axes, window, SMALLEST_NEAR * far, far)) for name, axes in faces]
-
-
-def _widest(emitter: Emitter) -> float:
-    """The slope within which a map knows all that its points' rays may meet there."""
-    is_cube = emitter.cos_cone <= WIDEST_SPOT
-    return FACE_TANGENT if is_cube else math.tan(math.acos(emitter.cos_cone))
+    return np.linalg.norm(nearest - centre, axis=1) <= reach_m(emitter)
 
 
 def looks_around(emitter: Emitter) -> list[tuple[str, View]]:
     """Six views of all that is close to the light."""
-    near, far = 1e-3 * emitter.half_width, REACH * emitter.half_width
+    near, far = 1e-3 * emitter.half_width, reach_m(emitter)
     window = (-1.0, 1.0, -1.0, 1.0)
     return [(name, View(emitter.centre, *axes, window, near, far)) for name, axes in cube_axes()]
 
@@ -59,7 +46,7 @@ def table(looks: list[np.ndarray], emitter: Emitter, view: View) -> np.ndarray:
     """(CELLS, CELLS) uint8 over the window of `view`, rows from the bottom: 1 where what is close to the
     light but out of the view may hide a part of it from points in that direction. `looks`: a depth map of
     each of `looks_around`, (1, LOOK_RESOLUTION, LOOK_RESOLUTION) float32, metres."""
-    directions, distances = _surroundings(looks, view, _widest(emitter))
+    directions, distances = _surroundings(looks, view)
     close = np.isfinite(distances)
     directions, distances = directions[close], distances[close]
     towards, half_cell = _cells(view)
@@ -71,9 +58,9 @@ def table(looks: list[np.ndarray], emitter: Emitter, view: View) -> np.ndarray:
     return hidden.reshape(CELLS, CELLS).astype(np.uint8)
 
 
-def _surroundings(looks: list[np.ndarray], view: View, widest: float) -> tuple[np.ndarray, np.ndarray]:
+def _surroundings(looks: list[np.ndarray], view: View) -> tuple[np.ndarray, np.ndarray]:
     """Unit directions (N, 3) of cells all around the light, and how far the closest thing in each is (N,),
-    metres, infinite where `view` would know it: within slopes of `widest`."""
+    metres, infinite where maps along the axes of `view` know it."""
     at = (np.arange(LOOK_RESOLUTION) + 0.5) / LOOK_RESOLUTION * 2.0 - 1.0
     slopes = np.stack([*np.meshgrid(at, at), np.ones((LOOK_RESOLUTION, LOOK_RESOLUTION))], -1)
     length = np.linalg.norm(slopes, axis=-1)
@@ -82,7 +69,7 @@ def _surroundings(looks: list[np.ndarray], view: View, widest: float) -> tuple[n
     for look, (_, axes) in zip(looks, cube_axes(), strict=True):
         world = slopes @ np.array(axes)
         x, y, z = np.moveaxis(world @ np.array([view.right, view.up, view.forward]).T, -1, 0)
-        known = np.maximum(np.abs(x), np.abs(y)) <= widest * z
+        known = np.maximum(np.abs(x), np.abs(y)) <= WIDEST_TANGENT * z
         distance = np.where(known, np.inf, look[0] * length)
         distances.append(distance.reshape(CELLS, step, CELLS, step).min(axis=(1, 3)).ravel())
         middles = world.reshape(CELLS, step, CELLS, step, 3).mean(axis=(1, 3)).reshape(-1, 3)

@@ -1,28 +1,62 @@
-// Which map a point uses, and whether to doubt that map: choose.rs `choose`. Dispatched once a map, smallest window first.
+// Which map a point uses, and whether to doubt it: choose.rs `choose`. Dispatched once a map: of each nest of windows that
+// share one eye and direction the widest first, which decides whether the nest is chosen, then the next smaller ones.
 //
-// `choice` holds 8 * (map + 1) + 4 * doubt + rank. The first map that holds all texels that can hide the light (rank 3,
-// also of an only map; NESTED, of windows that share one eye and direction, the first that holds the point) is taken;
-// else the last that holds the point (2); else the last that the point can be seen in (1). Doubts only with DOUBT, where rays will answer instead.
+// `choice` holds 4 * (map + 1) + doubt, 0 for none. Of faces of a cube a point takes its own. Doubts only where rays will answer
+// instead: UNSURE with DOUBT, CLOSE with BESIDE.
 #include "region.glsl"
 #ifdef DOUBT
 #  include "doubt.glsl"
 #endif
 
-// Whether rays know better than this map what there is around the point, or beside the window.
-bool is_doubtful(Seen seen, bool whole)
+// Slope up to which points belong to a cube's face, and that up to which a widest map knows what may hide the light: choose.rs.
+const float FACE = 1.02;
+const float WIDEST = 15.0;
+
+bool holds(vec4 window, vec2 place)
 {
-#ifndef DOUBT
-  return false;
-#else
-  bool cut_off = params.settings.z > 0.0 && !whole;
-#  ifdef BESIDE
+  return all(lessThanEqual(window.xz, place)) && all(lessThanEqual(place, window.yw));
+}
+
+const uint UNSURE = 1u;
+const uint CLOSE = 2u; // of what is so close to the light that no map knows it
+
+// What rays know better than this map: what there is around the point, or close to the light. Of nested maps the smallest
+// that holds the point is asked.
+uint doubt_of(Seen seen)
+{
+  if (holds(params.inner, seen.window)) {
+    return 0u;
+  }
+#ifdef BESIDE
   ivec2 cells = textureSize(beside, 0);
   vec2 place = (seen.window - params.window.xy) / (params.window_high.xy - params.window.xy);
   ivec2 cell = clamp(ivec2(place * vec2(cells)), ivec2(0), cells - 1);
-  cut_off = cut_off || texelFetch(beside, cell, 0).r != 0u;
-#  endif
-  return cut_off || near_contact(seen);
+  if (texelFetch(beside, cell, 0).r != 0u) {
+    return CLOSE;
+  }
 #endif
+#ifdef DOUBT
+  if (near_contact(seen)) {
+    return UNSURE;
+  }
+#endif
+  return 0u;
+}
+
+// Whether all that can hide the light lies within the slopes that the nest's widest map looks at.
+bool knows_all(Seen seen)
+{
+#if defined(ROUND) && defined(DOUBT)
+  Search search;
+  return !start_search(seen, search) || is_within_slope(seen, search, WIDEST);
+#else
+  return true;
+#endif
+}
+
+void store(ivec2 pixel, uint doubt)
+{
+  imageStore(choice, pixel, uvec4(4u * uint(params.settings.w + 1.0) + doubt));
 }
 
 void main()
@@ -31,26 +65,27 @@ void main()
   if (any(greaterThanEqual(pixel, ivec2(params.size.xy)))) {
     return;
   }
-  uint best = imageLoad(choice, pixel).r % 4u;
+  uint before = imageLoad(choice, pixel).r;
+  uint map = before / 4u, own = uint(params.settings.w + 1.0);
+  bool is_widest = own == uint(params.nest.y);
+  bool may_choose = is_widest ? map == 0u : own < map && map <= uint(params.nest.y);
   vec3 facing = vec3(0.0);
 #ifdef DOUBT
   facing = texelFetch(geometric_normal, pixel, 0).xyz;
 #endif
   Seen seen;
-  if (best == 3u || !see(texelFetch(position, pixel, 0).xyz, facing, vec3(0.0), seen)) {
+  if (!may_choose || !see(texelFetch(position, pixel, 0).xyz, facing, vec3(0.0), seen)) {
     return;
   }
-  vec2 low = params.window.xy, high = params.window_high.xy;
-  bool holds_point = all(lessThanEqual(low, seen.window)) && all(lessThanEqual(seen.window, high));
-#ifdef NESTED
-  bool whole = holds_point;
-#else
-  Search search;
-  bool whole = holds_point && (!start_search(seen, search) || is_inside(search));
-#endif
-  uint rank = params.window_high.z == 1.0 ? 3u : 1u + uint(holds_point) + uint(whole);
-  if (rank >= best) {
-    uint doubt = uint(is_doubtful(seen, rank == 3u));
-    imageStore(choice, pixel, uvec4(8u * uint(params.settings.w + 1.0) + 4u * doubt + rank));
+  if (!is_widest) {
+    vec4 window = vec4(params.window.x, params.window_high.x, params.window.y, params.window_high.y);
+    if (holds(window, seen.window)) {
+      store(pixel, (before & 3u) | doubt_of(seen));
+    }
+    return;
+  }
+  bool is_alone = params.nest.z > 0.0;
+  if (is_alone || max(abs(seen.window.x), abs(seen.window.y)) <= FACE) {
+    store(pixel, (knows_all(seen) ? 0u : UNSURE) | doubt_of(seen));
   }
 }

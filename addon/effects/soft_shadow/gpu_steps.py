@@ -14,7 +14,7 @@ from ...core.shader import LARGEST, Shader
 from ...core.view import View
 from ..shared.membership import mask_table
 from .params import Method
-from .views import share_axes
+from .views import ROUND_KINDS, share_axes
 
 FOLDER = "effects/soft_shadow"
 SAMPLES = 256
@@ -22,7 +22,6 @@ BLOCK = 8  # texels a side (prepare.rs)
 SMALLEST_LEVEL = 2 * BLOCK  # texels: no level of a map is smaller
 SHARPEST = 1e30  # a hard edge (light.rs)
 NOWHERE = (LARGEST, -LARGEST, LARGEST, -LARGEST)  # a window that holds nothing
-ROUND_KINDS = (EmitterKind.SPHERE, EmitterKind.FACING_DISK)
 
 MAP_PARAMS = ("map", "bias")
 PREPARE = Shader(
@@ -46,7 +45,7 @@ BLOCKS = Shader(
 FIRST_ROWS = Shader(f"{FOLDER}/first_rows.glsl", images=(("rows", "RG32UI", "WRITE"),))
 LIGHT_PARAMS = (
     *MAP_PARAMS,
-    *("size", "settings", "window", "window_high", "inner"),
+    *("size", "settings", "window", "window_high", "inner", "nest"),
     *("axis_x", "axis_y", "axis_z", "from_light"),
     *("light", "radiance", "cone_axis"),
 )
@@ -101,8 +100,7 @@ def _light_defines(emitter: Emitter, orthographic: bool) -> tuple[str, ...]:
 
 def _choose_variant(defines: tuple[str, ...], method: str, beside: bool = False) -> Shader:
     """`beside`: there is a table of what lies beside the window."""
-    if method == Method.HYBRID.value:
-        defines = (*defines, "DOUBT", *["BESIDE"] * beside)
+    defines = (*defines, *["DOUBT"] * (method == Method.HYBRID.value), *["BESIDE"] * beside)
     shader = CHOOSE.defining(*defines)
     return replace(shader, samplers=(*shader.samplers, ("beside", "UINT_2D"))) if beside else shader
 
@@ -140,14 +138,15 @@ def variants() -> Iterator[Shader]:
             cone = 0.5 if limited and is_spot else -1.0
             emitter = Emitter(kind, (0.0, 0.0, 0.0), *axes, 1.0, 1.0, spread, cone)
             defines = _light_defines(emitter, kind == EmitterKind.DISTANT_DISK)
+            for method in (Method.BITMASK.value, Method.HYBRID.value):
+                yield _choose_variant(defines, method)
             for sharing in ((), ("NESTED",)):
-                for method in (Method.BITMASK.value, Method.HYBRID.value):
-                    yield _choose_variant((*defines, *sharing), method)
                 for method in (Method.AREA.value, Method.BITMASK.value):
                     yield _backproject_variant((*defines, *sharing), method)
                 yield _backproject_variant((*defines, *sharing), Method.BITMASK.value, between=True)
             if is_spot:
-                yield _choose_variant(defines, Method.HYBRID.value, beside=True)
+                for method in (Method.BITMASK.value, Method.HYBRID.value):
+                    yield _choose_variant(defines, method, beside=True)
             yield _backproject_variant(defines, "unmapped")
 
 
@@ -214,55 +213,65 @@ def backproject(
     device.clear(visibility, 1.0)
     device.clear(uncertain, 0)
     device.clear(choice, 0)
-    views = [prepared["view"] for prepared in prepared_maps]
-    nested = maps > 1 and all(share_axes(a, b) for a, b in itertools.pairwise(views))
-    settings = max_samples, refinements, float(maps > 1 and not nested)
+    nests = _nests([prepared["view"] for prepared in prepared_maps])
+    settings = max_samples, refinements, 0.0
     leave_uncertain = float(method == Method.HYBRID.value)  # rays will replace it
     outputs = {"visibility": visibility, "uncertain": uncertain}
-    written = dict(outputs)
-    if is_area:
-        del written["uncertain"]
-    elif nested:
-        written["hidden_bits"] = device.new_image((shape[0], 2 * shape[1], 4), np.uint32)
+    written = {"visibility": visibility} if is_area else dict(outputs)
+    hidden_bits = {}
+    if not is_area and any(end - start > 1 for start, end in nests):
+        hidden_bits = {"hidden_bits": device.new_image((shape[0], 2 * shape[1], 4), np.uint32)}
     samplers = {name: surface[name] for name in ("position", "geometric_normal", "shading_normal")}
     samplers |= {"choice": choice, "first_rows": _first_rows(device)}
     runs = []
-    for index in range(maps):
-        defines, bound, params = _of_map(prepared_maps, index, nested, emitter, eye)
-        window_high = (*params["window_high"], maps, leave_uncertain)
-        runs.append(
-            (defines, samplers | bound, params | {"settings": (*settings, index), "window_high": window_high})
-        )
-    for index, (defines, bound, params) in enumerate(runs):
-        shader = _choose_variant(defines, method, bool(tables))
-        bound = bound | ({"beside": tables[index]} if tables else {})
-        device.dispatch(shader, size, {"choice": choice}, bound, params | {"size": size})
+    for nest in nests:
+        for index in range(*nest):
+            defines, bound, params = _of_map(prepared_maps, index, nest, emitter, eye)
+            window_high = (*params["window_high"], 0.0, leave_uncertain)
+            told = {"settings": (*settings, index), "nest": (*nest, nests == [nest])}
+            runs.append((defines, samplers | bound, params | told | {"window_high": window_high}))
+    for start, end in nests:
+        for index in reversed(range(start, end)):
+            defines, bound, params = runs[index]
+            shader = _choose_variant(defines, method, bool(tables))
+            bound = bound | ({"beside": tables[index]} if tables else {})
+            device.dispatch(shader, size, {"choice": choice}, bound, params | {"size": size})
     if not is_area:  # without a map the thesis's sum is 1
         for view in _default_views(emitter):
             shader = _backproject_variant(_light_defines(emitter, view.orthographic), "unmapped")
             params = dict.fromkeys(LIGHT_PARAMS, ()) | _light_params(emitter, view, eye)
             params |= {"size": (*size, 1, 1), "settings": (*settings, -1)}
-            params |= {"window_high": (0.0, 0.0, maps, leave_uncertain)}
+            params |= {"window_high": (0.0, 0.0, 0.0, leave_uncertain)}
             device.dispatch(shader, size, outputs, samplers, params)
     # All points; or those of a grid, and then what lies between.
     strides = ((1, False),) if spacing == 1 or is_area else ((spacing, False), (1, True))
     for stride, between in strides:
         points = tuple(-(-side // stride) for side in size)
         for defines, bound, params in runs:
-            shader = _backproject_variant(defines, method, between)
-            device.dispatch(shader, points, written, bound, params | {"size": (*size, stride, spacing)})
-    for name in written.keys() - outputs.keys():
-        device.release(written[name])
+            nested = params["nest"][1] - params["nest"][0] > 1
+            shader = _backproject_variant((*defines, *["NESTED"] * nested), method, between)
+            images = written | hidden_bits if nested else written
+            device.dispatch(shader, points, images, bound, params | {"size": (*size, stride, spacing)})
+    for image in hidden_bits.values():
+        device.release(image)
     device.release(choice)
     return outputs
 
 
-def _of_map(prepared_maps, index: int, nested: bool, emitter: Emitter, eye):
+def _nests(views: list[View]) -> list[tuple[int, int]]:
+    """First and end of each run of views that share their axes: choose.rs `Maps::new`."""
+    starts = [
+        index for index in range(len(views)) if not (index and share_axes(views[index - 1], views[index]))
+    ]
+    return list(itertools.pairwise([*starts, len(views)]))
+
+
+def _of_map(prepared_maps, index: int, nest: tuple[int, int], emitter: Emitter, eye):
     """What programs that read a map are compiled for, its images, what they are told of it and its light."""
     prepared = prepared_maps[index]
     view = prepared["view"]
-    defines = _light_defines(emitter, view.orthographic) + ("NESTED",) * nested
-    inner = _seen_from(view, prepared_maps[index - 1]["view"]) if nested and index else NOWHERE
+    defines = _light_defines(emitter, view.orthographic)
+    inner = _seen_from(view, prepared_maps[index - 1]["view"]) if index > nest[0] else NOWHERE
     params = prepared["params"] | _light_params(emitter, view, eye) | {"inner": inner}
     params |= _window_params(view, prepared["params"]["map"])
     return defines, {name: prepared[name] for name in ("texels", "pyramid", "blocks")}, params

@@ -69,11 +69,12 @@ class SoftShadowParams(Params):
     )
     rays: int = param(
         64,
-        hard=(1, 1024),
+        hard=(0, 1024),
         soft=(16, 256),
         trades_time=True,
         per_light=True,
-        doc="Rays for each point that the map is unsure of, with the hybrid method",
+        doc="Rays for each point that maps are unsure of, with the hybrid method, and at least 256 for "
+        "what is closest to a spot or a point; 0: none",
     )
 
     def lighter(self, share: float) -> SoftShadowParams:
@@ -85,4 +86,5 @@ class SoftShadowParams(Params):
             resolution=max(128, round(self.resolution * share)),
             max_samples=max(16, round(self.max_samples * share)),
             method=Method.BITMASK if self.method == Method.HYBRID else self.method,
+            rays=0,
         )

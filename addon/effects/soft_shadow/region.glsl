@@ -14,7 +14,6 @@ struct Search {
 struct Region {
   ivec2 low;
   ivec2 high;
-  bool clipped; // the map's border cut it off
 };
 
 // Texels crossed by the pyramid from the point to the light, up to `above` the point: eq. 5.1. False: none.
@@ -26,7 +25,6 @@ bool around(Search search, float above, int level, out Region region)
   vec2 limit = vec2(level_size(level));
   region.low = ivec2(clamp(from, vec2(0.0), limit));
   region.high = ivec2(clamp(to, vec2(0.0), limit));
-  region.clipped = any(lessThan(from, vec2(0.0))) || any(greaterThan(to, limit));
   return all(lessThan(region.low, region.high));
 }
 
@@ -72,9 +70,9 @@ bool start_search(Seen seen, out Search search)
   return true;
 }
 
-// Whether the whole region lies on the map.
-bool is_inside(Search search)
+// Whether the whole region lies within a slope.
+bool is_within_slope(Seen seen, Search search, float slope)
 {
-  Region region;
-  return !around(search, search.above, 0, region) || !region.clipped;
+  vec4 sides = seen.window.xxyy + seen.bounds * search.above;
+  return all(lessThanEqual(abs(sides), vec4(slope)));
 }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ...core.culling import around, boxes_of, casters_of, not_whole_in, receivers_in_view, unlit_reason
@@ -13,7 +15,10 @@ from ...core.recorder import Recorder
 from ..shared import steps as shared
 from . import beside, steps
 from .params import Method, SoftShadowParams
-from .views import light_views, share_axes, too_far
+from .views import ROUND_KINDS, light_views, share_axes, too_far
+
+SMALLEST_RESOLUTION = 64
+"""Texels a side of any map."""
 
 POINTS = ("position", "geometric_normal", "shading_normal")
 
@@ -86,15 +91,15 @@ def _is_empty_area(light: Light) -> bool:
 def _record_light(recorder, outline, params, index, casters, visible, receivers, boxes) -> Node:
     light = outline.lights[index]
     params = light.params_for("soft_shadow", params)
+    if not params.rays and params.method == Method.HYBRID:
+        params = replace(params, method=Method.BITMASK)
     attributes = POINTS if light.receivers is None else (*POINTS, "instance")
     surface = shared.surface(recorder, outline, visible, *attributes)
-    views, left_out = outline.instances.memo(
-        ("views", light.emitter, casters, receivers.tobytes()),
-        lambda: light_views(light.emitter, outline.instances.boxes_of(casters), receivers),
-    )
     close = _close_casters(params, light, casters, boxes)
-    if close and not views:
-        views, left_out = beside.views_of_all(light.emitter, receivers), []
+    views, left_out = outline.instances.memo(
+        ("views", light.emitter, casters, receivers.tobytes(), bool(close)),
+        lambda: light_views(light.emitter, outline.instances.boxes_of(casters), receivers, bool(close)),
+    )
     for what, reason in left_out:
         recorder.left_out(f"soft_shadow {light.name} {what}", reason, light.name)
     if not _has_size(light):
@@ -103,18 +108,23 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers,
         )
     maps, inner = [], None
     for name, view in views:
-        drawn = casters
+        drawn, resolution = casters, params.resolution
         if inner is not None and share_axes(inner, view):
             # Nested windows: what the finer map holds whole has no texel that is read of this one.
             drawn = not_whole_in(inner, casters, outline.instances)
-        maps.append(_map(recorder, outline, params, view, drawn, f"{light.name} {name}".strip()))
+            if light.emitter.kind in ROUND_KINDS:
+                # Beside the window only what is close to the light counts: large, and as blurred as it.
+                resolution = max(resolution // 2, SMALLEST_RESOLUTION)
+        instance = f"{light.name} {name}".strip()
+        maps.append(_map(recorder, outline, params, view, drawn, resolution, instance))
         inner = view
     eye = outline.view.eye
+    tables = _tables(recorder, outline, light, close, views)
     shadow = recorder.step(
         steps.BACKPROJECT,
         surface,
         *maps,
-        *_tables(recorder, outline, light, close, views),
+        *tables,
         instance=light.name,
         eye=eye,
         emitter=light.emitter,
@@ -147,10 +157,10 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers,
     return visibility
 
 
-def _map(recorder: Recorder, outline: Outline, params: SoftShadowParams, view, casters, name: str) -> Node:
+def _map(recorder: Recorder, outline: Outline, params, view, casters, resolution: int, name: str) -> Node:
     """The sum of areas stores one depth more than it uses: the last has no midpoint to the next."""
     stored = params.layers + (params.method == Method.AREA)
-    size = params.resolution, params.resolution
+    size = resolution, resolution
     depth = shared.layered_depth(recorder, outline, view, casters, stored, size, name)
     return recorder.step(
         steps.PREPARE,
@@ -164,12 +174,9 @@ def _map(recorder: Recorder, outline: Outline, params: SoftShadowParams, view, c
 
 def _close_casters(params, light: Light, casters: frozenset[int], boxes: np.ndarray) -> frozenset[int]:
     """Those that may hide a part of the light where its maps do not look, if rays can look there."""
-    if params.method != Method.HYBRID or light.emitter.kind not in (
-        EmitterKind.SPHERE,
-        EmitterKind.FACING_DISK,
-    ):
+    if params.method != Method.HYBRID or light.emitter.kind not in ROUND_KINDS:
         return frozenset()
-    ordered = np.array(sorted(casters))
+    ordered = np.array(sorted(casters), int)
     return frozenset(ordered[beside.close_casters(light.emitter, boxes[ordered])].tolist())
 
 

@@ -11,6 +11,12 @@ from ..shared.membership import belong
 from . import beside, gpu_steps
 from .params import Method
 
+UNSURE, CLOSE = 1, 2
+"""Of a point left to rays: the map is not to be believed, or knows nothing of what is close to the light."""
+
+CLOSE_RAYS = 256
+"""Rays at least for a point of the second kind: all of its penumbra is theirs, and none of it the map's."""
+
 
 def _prepare(device, depth, view, gradient_scale, gradient_cap_m):
     return device.kernels.soft_shadow_prepare(
@@ -46,8 +52,10 @@ def _beside(device, *looks, emitter, view):
 
 def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, seed, chunk):
     visibility = shadow["visibility"].copy()
-    chosen = np.flatnonzero(shadow["uncertain"])
-    if len(chosen):
+    for doubt, count in ((UNSURE, rays), (CLOSE, max(rays, CLOSE_RAYS))):
+        chosen = np.flatnonzero(shadow["uncertain"] == doubt)
+        if not len(chosen):
+            continue
         points = [
             np.ascontiguousarray(surface[name].reshape(-1, 3)[chosen])
             for name in ("position", "geometric_normal", "shading_normal")
@@ -61,7 +69,7 @@ def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, see
             emitter.packed(),
             np.array(eye),
             *points,
-            rays,
+            count,
             own,
             numbers,
             cancel=device.cancel_flag,

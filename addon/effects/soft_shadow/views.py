@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,10 +14,11 @@ WIDEST_SINGLE_TANGENT = 2.5
 """A window up to this slope gets one map; a wider one is nested, each window this much smaller."""
 
 WIDEST_TANGENT = 15.0
-"""Slopes beyond this (86 degrees) are cut off: light so grazing carries next to no irradiance."""
+"""Slopes beyond this (86 degrees) are cut off: light so grazing carries next to no irradiance, and what hides
+a round light from there is closer to it than its own radius, or nearly (choose.rs, beside.py)."""
 
-FACE_TANGENT = 1.25
-"""Half window of a cube face: 45 degrees and a band for search regions that reach over the edge."""
+FACE_TANGENT = 1.02
+"""Slope up to which points belong to a cube face: 45 degrees and what rounding may make of it (choose.rs)."""
 
 WIDEST_SPOT = math.cos(math.radians(70.0))
 """A spot whose cone is narrower than 70 degrees to a side is seen in one frustum, not in cube faces."""
@@ -40,30 +42,46 @@ size apart there, and farther off they would soon not tell a caster from what it
 FARTHEST_M = 2e9
 """Metres; beyond it the fourth power of a distance leaves single precision."""
 
+AROUND = 12.0
+"""Radii of a spot or a point that a mesh whose box is around it is taken to be away."""
+
+ROUND_KINDS = (EmitterKind.SPHERE, EmitterKind.FACING_DISK)
+
 NamedView = tuple[str, View]
 LeftOut = tuple[str, str]
 
 
 def light_views(
-    emitter: Emitter, caster_bounds: np.ndarray, receiver_bounds: np.ndarray
+    emitter: Emitter, caster_bounds: np.ndarray, receiver_bounds: np.ndarray, hold_receivers: bool = False
 ) -> tuple[list[NamedView], list[LeftOut]]:
     """Views to rasterise `emitter`'s casters from, smallest window first, and what needed none, and why.
 
     `caster_bounds` (C, 2, 3) and `receiver_bounds` (R, 2, 3) float64: low and high corners of boxes in world
     space, metres. Nothing outside the windows' union casts a shadow onto a receiver. Names are empty, "wide"
-    followed by a number, or a face such as "+X".
+    followed by a number, with a face such as "+X" before it. `hold_receivers`: the widest windows of a spot
+    or a point hold all receivers, to look up where each is even if nothing casts (beside.py).
     """
     casters = np.asarray(caster_bounds, np.float64).reshape(-1, 2, 3)
     receivers = np.asarray(receiver_bounds, np.float64).reshape(-1, 2, 3)
     casters = casters[_may_shadow(emitter, casters, receivers)]
     if emitter.kind == EmitterKind.DISTANT_DISK:
         return _sun_view(emitter, casters, receivers)
-    if emitter.kind in (EmitterKind.RECTANGLE, EmitterKind.ELLIPSE):
-        return _nested_views(emitter, casters, receivers, WIDEST_TANGENT)
-    if emitter.cos_cone > WIDEST_SPOT:
-        sine = math.sqrt(1.0 - emitter.cos_cone**2)
-        return _nested_views(emitter, casters, receivers, sine / emitter.cos_cone)
-    return _cube_views(emitter, casters, receivers)
+    if emitter.kind not in ROUND_KINDS or emitter.cos_cone > WIDEST_SPOT:
+        axes = (emitter.right, emitter.up, emitter.forward)
+        return _nested_views(emitter, axes, casters, receivers, _lit_tangent(emitter), hold_receivers)
+    views, left_out = [], []
+    for name, axes in cube_axes():
+        nested, lacking = _nested_views(emitter, axes, casters, receivers, FACE_TANGENT, hold_receivers)
+        views += [(f"{name} {number}".strip(), view) for number, view in nested]
+        left_out += [(f"face {name}" if what == "map" else f"{name} {what}", why) for what, why in lacking]
+    return views, left_out
+
+
+def _lit_tangent(emitter: Emitter) -> float:
+    """The slope from the light's axis within which there are receivers."""
+    if emitter.kind not in ROUND_KINDS:
+        return WIDEST_TANGENT
+    return math.sqrt(1.0 - emitter.cos_cone**2) / emitter.cos_cone
 
 
 def too_far(emitter: Emitter, region: np.ndarray) -> str | None:
@@ -108,20 +126,23 @@ def _extent(emitter: Emitter) -> np.ndarray:
 
 
 def _nested_views(
-    emitter: Emitter, casters: np.ndarray, receivers: np.ndarray, widest: float
+    emitter: Emitter, axes, casters: np.ndarray, receivers: np.ndarray, lit: float, hold_receivers: bool
 ) -> tuple[list[NamedView], list[LeftOut]]:
-    axes = (emitter.right, emitter.up, emitter.forward)
-    casters, receivers = (_corners(emitter, axes, boxes, widest) for boxes in (casters, receivers))
-    whole, reason = _window(emitter, casters, receivers, widest)
+    """Along `axes`, of receivers within slopes of `lit`."""
+    casters = _Boxes.of(emitter, axes, casters, WIDEST_TANGENT)
+    receivers = _Boxes.of(emitter, axes, receivers, lit)
+    whole, reason = _window(emitter, casters, receivers, lit, WIDEST_TANGENT)
+    if hold_receivers and reason != "no receivers":
+        whole, reason = _holding(receivers, lit, whole), ""
     if whole is None:
         return [], [("map", reason)]
-    tight = _seen_window(receivers, widest, whole[0])
+    tight = _seen_window(receivers, lit, whole[0])
     limits = [max(abs(edge) for edge in tight)]
     while limits[0] > WIDEST_SINGLE_TANGENT:
         limits.insert(0, limits[0] / WIDEST_SINGLE_TANGENT)
     windows, left_out = [], []
     for limit in limits:
-        inner, reason = _window(emitter, casters, receivers, limit)
+        inner, reason = _window(emitter, casters, receivers, min(limit, lit), limit)
         if inner is None:
             left_out.append((f"window within slopes of {limit:.1f}", reason))
         else:
@@ -137,14 +158,24 @@ def _nested_views(
     return views, left_out
 
 
-def _seen_window(receivers: np.ndarray, widest: float, whole: tuple) -> tuple:
+def _seen_window(receivers: _Boxes, widest: float, whole: tuple) -> tuple:
     """The part of the window `whole` that receivers fill. Casters close to the light lie around it, so that
     a point whose search region leaves it needs the whole window; most do not."""
-    low, high, _ = _slopes(receivers, widest)
+    low, high, _, _ = receivers.slopes(widest)
     low, high = low.min(axis=1), high.max(axis=1)
     margin = SEEN_MARGIN * (high - low)
     seen = (low[0] - margin[0], high[0] + margin[0], low[1] - margin[1], high[1] + margin[1])
     return _intersection(whole, tuple(float(edge) for edge in seen))
+
+
+def _holding(receivers: _Boxes, lit: float, whole: tuple | None) -> tuple:
+    """Window, near and far of `whole`, or of nothing, so wide that they hold the receivers."""
+    low, high, depths, _ = receivers.slopes(lit)
+    low, high, far = low.min(axis=1), high.max(axis=1), 1.001 * float(depths.max())
+    window, near, far = whole or (_padded(low, high), SMALLEST_NEAR * far, far)
+    left, right, bottom, top = window
+    low, high = np.minimum(low, (left, bottom)), np.maximum(high, (right, top))
+    return _padded(low, high), near, far
 
 
 def _intersection(a: tuple, b: tuple) -> tuple:
@@ -155,21 +186,6 @@ def _intersection(a: tuple, b: tuple) -> tuple:
 
 def _area(window: tuple) -> float:
     return (window[1] - window[0]) * (window[3] - window[2])
-
-
-def _cube_views(
-    emitter: Emitter, casters: np.ndarray, receivers: np.ndarray
-) -> tuple[list[NamedView], list[LeftOut]]:
-    views, left_out = [], []
-    for name, axes in cube_axes():
-        seen = (_corners(emitter, axes, boxes, FACE_TANGENT) for boxes in (casters, receivers))
-        found, reason = _window(emitter, *seen, FACE_TANGENT)
-        if found is None:
-            left_out.append((f"face {name}", reason))
-        else:
-            window, near, far = found
-            views.append((name, View(emitter.centre, *axes, window, near, far)))
-    return views, left_out
 
 
 def cube_axes() -> list[tuple[str, tuple[Vector, Vector, Vector]]]:
@@ -191,44 +207,77 @@ def share_axes(a: View, b: View) -> bool:
     return not turned and a.orthographic == b.orthographic and (a.orthographic or a.eye == b.eye)
 
 
-def _corners(emitter: Emitter, axes, boxes: np.ndarray, widest: float) -> np.ndarray:
-    """Corners (3, 8, M) along `axes` from the light's centre, of those boxes (N, 2, 3) that may be in front
-    of the light within slopes of `widest`. Boxes come last, and what each axis of the world adds is summed:
-    thousands are looked at for every frame of a light that moves."""
-    edges = np.subtract(
-        boxes.T, np.array(emitter.centre)[:, None, None], order="C"
-    )  # by axis of the world, and low or high
-    axes = np.array(axes)
-    half = np.abs(axes) @ (0.5 * (edges[:, 1] - edges[:, 0]))
-    middle = axes @ (0.5 * (edges[:, 0] + edges[:, 1]))
-    farthest = middle[2] + half[2]
-    inside = (farthest > 0.0) & (np.abs(middle[:2]) - half[:2] < widest * farthest).all(axis=0)
-    along = axes[:, :, None, None] * np.compress(inside, edges, axis=2)
-    x, y, z = along[:, 0], along[:, 1], along[:, 2]
-    corners = x[:, :, None, None] + y[:, None, :, None] + z[:, None, None, :]
-    return corners.reshape(3, 8, -1)
+@dataclass(frozen=True)
+class _Boxes:
+    """Boxes by their `corners` (3, 8, M) along axes from a light's centre, and how far `away` from it each
+    is (M,), metres."""
+
+    corners: np.ndarray
+    away: np.ndarray
+
+    @classmethod
+    def of(cls, emitter: Emitter, axes, boxes: np.ndarray, widest: float) -> _Boxes:
+        """Those of `boxes` (N, 2, 3) in the world that may be in front of the light within slopes `widest`.
+        Boxes come last, and what each axis of the world adds is summed: thousands are looked at for every
+        frame of a light that moves."""
+        edges = np.subtract(
+            boxes.T, np.array(emitter.centre)[:, None, None], order="C"
+        )  # by axis of the world, and low or high
+        axes = np.array(axes)
+        half = np.abs(axes) @ (0.5 * (edges[:, 1] - edges[:, 0]))
+        middle = axes @ (0.5 * (edges[:, 0] + edges[:, 1]))
+        farthest = middle[2] + half[2]
+        inside = (farthest > 0.0) & (np.abs(middle[:2]) - half[:2] < widest * farthest).all(axis=0)
+        edges = np.compress(inside, edges, axis=2)
+        along = axes[:, :, None, None] * edges
+        x, y, z = along[:, 0], along[:, 1], along[:, 2]
+        corners = x[:, :, None, None] + y[:, None, :, None] + z[:, None, None, :]
+        away = np.sqrt((np.maximum(np.maximum(edges[:, 0], -edges[:, 1]), 0.0) ** 2).sum(axis=0))
+        return cls(corners.reshape(3, 8, -1), away)
+
+    def slopes(self, widest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Low and high slopes (2, M) within `widest`, least and greatest depth (2, M), and `away` (M,), of
+        those M boxes that are in front of the light and not outside."""
+        depths = self.corners[2]
+        edge = widest * depths
+        in_front = depths.max(axis=0) > 0.0
+        for across in self.corners[:2]:
+            in_front &= (across < edge).any(axis=0) & (-across < edge).any(axis=0)
+        corners = np.compress(
+            in_front, self.corners, axis=2
+        )  # in order in memory, which indexing would not keep
+        across, depths = corners[:2], corners[2]
+        nearest, farthest = depths.min(axis=0), depths.max(axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slopes = across / depths
+        # A box that reaches behind the light's plane may appear anywhere on its side of the axis.
+        behind = nearest <= 0.0
+        least, most = across.min(axis=1), across.max(axis=1)
+        low = np.where(behind, np.where(least > 0.0, least / farthest, -widest), slopes.min(axis=1))
+        high = np.where(behind, np.where(most < 0.0, most / farthest, widest), slopes.max(axis=1))
+        low, high = (np.clip(edge, -widest, widest) for edge in (low, high))
+        return low, high, np.stack([np.maximum(nearest, 0.0), farthest]), self.away[in_front]
 
 
-def _window(emitter: Emitter, casters: np.ndarray, receivers: np.ndarray, widest: float):
-    """Window, near and far of the casters that may shadow receivers within slopes of `widest`, or None; and
-    why None. Both are corners (3, 8, N) in the light's axes."""
-    receiver_low, receiver_high, receiver_depths = _slopes(receivers, widest)
+def _window(emitter: Emitter, casters: _Boxes, receivers: _Boxes, lit: float, widest: float):
+    """Window, near and far of the casters within slopes of `widest` that may shadow receivers within slopes
+    of `lit`, or None; and why None."""
+    receiver_low, receiver_high, receiver_depths, _ = receivers.slopes(lit)
     if not receiver_depths.size:
         return None, "no receivers"
     far = float(receiver_depths.max())
-    caster_low, caster_high, caster_depths = _slopes(casters, widest)
+    caster_low, caster_high, caster_depths, away = casters.slopes(widest)
     shadowing = caster_depths[0] < far
     if not shadowing.any():
         return None, "no casters"
-    caster_low, caster_high = caster_low[:, shadowing], caster_high[:, shadowing]
+    caster_low, caster_high, away = caster_low[:, shadowing], caster_high[:, shadowing], away[shadowing]
     nearest = caster_depths[0, shadowing]
     # Not quite at the nearest caster: rounding would clip one that is parallel to the light.
     near = max(0.99 * float(nearest.min()), SMALLEST_NEAR * far)
-    # A line from a receiver's point at slope p to the light's point l passes depth s at p + l (1/s - 1/z).
-    half = np.array([[emitter.half_width], [emitter.half_height]])
-    reach = half * (1.0 / np.maximum(nearest, near) - 1.0 / far)
-    low = np.maximum(caster_low, receiver_low.min(axis=1)[:, None] - reach)
-    high = np.minimum(caster_high, receiver_high.max(axis=1)[:, None] + reach)
+    receiver_low, receiver_high = receiver_low.min(axis=1), receiver_high.max(axis=1)
+    reach = _reach(emitter, np.maximum(nearest, near), far, away, np.maximum(-receiver_low, receiver_high))
+    low = np.maximum(caster_low, receiver_low[:, None] - reach)
+    high = np.minimum(caster_high, receiver_high[:, None] + reach)
     inside = (low <= high).all(axis=0)
     if not inside.any():
         return None, "no casters"
@@ -236,24 +285,25 @@ def _window(emitter: Emitter, casters: np.ndarray, receivers: np.ndarray, widest
     return (_padded(low, high), near, far * 1.001), ""
 
 
-def _slopes(corners: np.ndarray, widest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of boxes' corners (3, 8, N) in the light's axes: low and high slopes (2, M) within `widest`, and least
-    and greatest depth (2, M), of those M boxes that are in front of the light and not outside."""
-    depths = corners[2]
-    edge = widest * depths
-    in_front = depths.max(axis=0) > 0.0
-    for across in corners[:2]:
-        in_front &= (across < edge).any(axis=0) & (-across < edge).any(axis=0)
-    corners = np.compress(in_front, corners, axis=2)  # in order in memory, which indexing would not keep
-    depths = corners[2]
-    nearest, farthest = depths.min(axis=0), depths.max(axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slopes = corners[:2] / depths
-    # A box that reaches behind the light's plane may appear anywhere.
-    behind = nearest <= 0.0
-    low = np.where(behind, -widest, np.clip(slopes.min(axis=1), -widest, widest))
-    high = np.where(behind, widest, np.clip(slopes.max(axis=1), -widest, widest))
-    return low, high, np.stack([np.maximum(nearest, 0.0), farthest])
+def _reach(
+    emitter: Emitter, nearest: np.ndarray, far: float, away: np.ndarray, aside: np.ndarray
+) -> np.ndarray:
+    """(2, M): how far at most, in slopes, casters (M,) at depths from `nearest` on and so far `away` lie
+    from a receiver that they keep light from, of those down to depth `far` and up to slopes `aside` (2,)."""
+    # A line from a receiver's point at slope p to the light's point l passes depth s at p + l (1/s - 1/z).
+    half = np.array([[emitter.half_width], [emitter.half_height]])
+    if emitter.kind not in ROUND_KINDS:
+        return half * (1.0 / nearest - 1.0 / far)
+    aside = np.maximum(aside, 0.0)
+    # A disk that is turned to a point aside reaches farther on the light's plane.
+    on_plane = half * math.hypot(1.0, *aside) * (1.0 / nearest - 1.0 / far)
+    # And no ray to it is turned by more than asin(radius / away); seen along one axis only, more.
+    # A box around the light, as of a room or a lantern, does not say how close its mesh is.
+    away = np.where(away > 0.0, away, AROUND * emitter.half_width)
+    turn = np.arcsin(np.minimum(emitter.half_width / np.maximum(away, 1e-30), 1.0))
+    turn = np.arctan(np.tan(turn) * np.hypot(1.0, aside[::-1])[:, None])
+    angle = np.minimum(np.arctan(aside)[:, None] + turn, 0.5 * np.pi - 1e-6)
+    return np.minimum(on_plane, np.tan(angle) - aside[:, None])
 
 
 def _sun_view(

@@ -5,6 +5,7 @@ use super::prepare::PreparedMap;
 use super::region::Search;
 use crate::emitter::{Emitter, EmitterKind};
 use crate::view::View;
+use std::ops::Range;
 
 /// Left, right, bottom, top of a window; empty where left is not below right.
 pub type Window<T> = [T; 4];
@@ -18,8 +19,8 @@ pub fn from_point(window: &Window<f64>, [x, y]: [f64; 2]) -> Window<f32> {
     [left - x, right - x, bottom - y, top - y].map(|side| side as f32)
 }
 
-/// For each place in a map's window, rows from the bottom, whether casters close to the light and beside the
-/// window may hide a part of it from there.
+/// For each place in a map's window, rows from the bottom, whether casters so close to the light that no map knows them
+/// may hide a part of it from there.
 #[derive(Clone, Copy)]
 pub struct Beside<'a> {
     pub columns: usize,
@@ -39,6 +40,12 @@ impl Beside<'_> {
     }
 }
 
+/// Slope up to which points belong to a cube's face: 45 degrees and what rounding may make of it (`FACE_TANGENT` of views.py).
+const FACE: f64 = 1.02;
+
+/// Slope up to which a face's or a spot's widest map knows what may hide the light (`WIDEST_TANGENT` of views.py).
+const WIDEST: f64 = 15.0;
+
 /// One map of a light.
 pub struct Served<'a> {
     pub light: Light,
@@ -46,25 +53,16 @@ pub struct Served<'a> {
     /// The next smaller window of nested ones, in this map's coordinates: texels within are that map's matter.
     pub inner: Window<f64>,
     beside: Option<Beside<'a>>,
-}
-
-/// How a light's maps share the work.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Sharing {
-    /// There is but one.
-    Alone,
-    /// One eye and one direction, each window around the one before: a point reads them all.
-    Nested,
-    /// Faces of a cube: a point reads one.
-    Faces,
+    /// It and the nested windows that share its eye and direction: a point that chose one reads them all.
+    nest: Range<usize>,
 }
 
 pub struct Maps<'a> {
-    /// Smallest window first.
+    /// Nests of windows, each of one eye and direction, the smallest window first: one, or some of the six faces of a cube.
     pub list: Vec<Served<'a>>,
     /// For points that no map serves.
     unmapped: Vec<Light>,
-    sharing: Sharing,
+    is_round: bool,
     pub refinements: usize,
 }
 
@@ -73,22 +71,27 @@ pub struct Chosen<'a> {
     pub light: &'a Light,
     pub seen: Seen,
     pub map: Option<usize>,
-    /// The map holds all that can hide the light, as far as it knows.
-    whole: bool,
 }
 
 impl Chosen<'_> {
-    /// Whether what can hide the light may lie beyond the border of the one map that is read.
-    pub fn is_cut_off(&self, maps: &Maps) -> bool {
+    /// Whether what is close to the light is known to hide a part of it where none of the maps that are read looks.
+    pub fn is_beside(&self, maps: &Maps) -> bool {
         let Some(map) = self.map else { return false };
         let served = &maps.list[map];
         let beside = |beside: Beside| beside.holds(&served.map.view.window, &self.seen);
-        !self.whole || served.beside.is_some_and(beside)
+        served.beside.is_some_and(beside)
+    }
+
+    /// Whether what can hide the light may lie beyond the slopes that the maps look at.
+    pub fn is_cut_off(&self, maps: &Maps) -> bool {
+        let nest = |map: usize| &maps.list[map].nest;
+        self.map.is_some_and(|map| !maps.know_all(nest(map), &self.seen))
     }
 }
 
 impl<'a> Maps<'a> {
-    /// `maps`: smallest window first; `beside`: one for each map, or none; `eye`: what points are relative to.
+    /// `maps`: nests of windows, the smallest first in each; `beside`: one for each map, or none; `eye`: what points are
+    /// relative to.
     pub fn new(
         emitter: &Emitter,
         maps: &[&'a PreparedMap],
@@ -97,93 +100,93 @@ impl<'a> Maps<'a> {
         refinements: usize,
     ) -> Self {
         let light = |view: &View| Light::new(emitter, view, eye);
-        let is_nested = maps
-            .windows(2)
-            .all(|pair| share_axes(&pair[0].view, &pair[1].view));
-        let sharing = match maps.len() {
-            0 | 1 => Sharing::Alone,
-            _ if is_nested => Sharing::Nested,
-            _ => Sharing::Faces,
-        };
-        let served = |(number, &map): (usize, &&'a PreparedMap)| Served {
-            light: light(&map.view),
-            map,
-            inner: if sharing == Sharing::Nested && number > 0 {
-                seen_from(&map.view, &maps[number - 1].view)
+        let nests = maps.chunk_by(|a, b| share_axes(&a.view, &b.view));
+        let starts = nests.scan(0, |end, nest| {
+            let start = *end;
+            *end += nest.len();
+            Some(start..*end)
+        });
+        let served = |(number, nest): (usize, Range<usize>)| Served {
+            light: light(&maps[number].view),
+            map: maps[number],
+            inner: if number > nest.start {
+                seen_from(&maps[number].view, &maps[number - 1].view)
             } else {
                 NOWHERE
             },
             beside: beside.get(number).copied(),
+            nest,
         };
+        let in_nests = starts.flat_map(|nest| nest.clone().map(move |number| (number, nest.clone())));
         Maps {
-            list: maps.iter().enumerate().map(served).collect(),
+            list: in_nests.map(served).collect(),
             unmapped: default_views(emitter).iter().map(light).collect(),
-            sharing,
+            is_round: matches!(emitter.kind, EmitterKind::Sphere | EmitterKind::FacingDisk),
             refinements,
         }
     }
 
-    /// Whether all maps see a point alike, having one eye and one direction.
+    /// Whether the maps of each nest see a point alike, having one eye.
     pub fn see_alike(&self) -> bool {
-        let first = self.list.first();
-        let alike = |served: &Served| first.is_some_and(|first| served.map.view.eye == first.map.view.eye);
-        self.sharing != Sharing::Faces && self.list.iter().all(alike)
+        let alike = |served: &Served| served.map.view.eye == self.list[served.nest.start].map.view.eye;
+        self.list.iter().all(alike)
     }
 
     /// The maps that a point which chose `map` has to read.
-    pub fn to_read(&self, map: usize) -> std::ops::Range<usize> {
-        match self.sharing {
-            Sharing::Nested => 0..self.list.len(),
-            _ => map..map + 1,
-        }
+    pub fn to_read(&self, map: usize) -> Range<usize> {
+        self.list[map].nest.clone()
     }
 
-    /// Of nested maps the smallest that holds the point; of faces the first that holds all texels that can hide
-    /// the light; else the last that holds the point; else the last that the point can be seen in.
+    /// Of faces the point's own; of its nested maps the smallest that holds the point, else the widest.
     pub fn choose(&self, see: impl Fn(&Light) -> Option<Seen>) -> Option<Chosen<'_>> {
-        let (mut best, mut best_rank) = (None, 0);
-        for (number, Served { light, map, .. }) in self.list.iter().enumerate() {
-            let Some(seen) = see(light) else { continue };
-            let [left, right, bottom, top] = map.view.window;
-            let (x, y) = (seen.window_x, seen.window_y);
-            let holds_point = left <= x && x <= right && bottom <= y && y <= top;
-            let whole = match self.sharing {
-                Sharing::Alone => true,
-                Sharing::Nested => holds_point,
-                Sharing::Faces => {
-                    let search = Search::new(map, &seen, self.refinements);
-                    holds_point && search.is_none_or(|search| search.is_inside())
-                }
-            };
-            let rank = 1 + i32::from(holds_point) + i32::from(whole);
-            if rank >= best_rank {
-                best_rank = rank;
-                best = Some(Chosen {
-                    light,
-                    seen,
-                    map: Some(number),
-                    whole: whole || self.sharing == Sharing::Nested,
-                });
-            }
-            if whole {
-                break;
-            }
-        }
-        best.or_else(|| {
+        let mut nests = self.list.chunk_by(|a, b| a.nest == b.nest);
+        let served = nests.find_map(|nest| {
+            let seen = see(&nest.last()?.light)?;
+            let is_alone = nest.len() == self.list.len();
+            let is_own = is_alone || seen.window_x.abs().max(seen.window_y.abs()) <= FACE;
+            is_own.then(|| self.smallest_of(&nest[0].nest, seen, &see))
+        });
+        served.or_else(|| {
             // Of the six axes the one nearest to the point's direction: the largest depth.
             let seen = self
                 .unmapped
                 .iter()
                 .filter_map(|light| Some((light, see(light)?)));
             let (light, seen) = seen.max_by(|a, b| a.1.base[2].total_cmp(&b.1.base[2]))?;
-            let (map, whole) = (None, true);
-            Some(Chosen {
-                light,
-                seen,
-                map,
-                whole,
-            })
+            let map = None;
+            Some(Chosen { light, seen, map })
         })
+    }
+
+    /// The smallest window that holds the point, which the widest sees as `widest`.
+    fn smallest_of(
+        &self,
+        nest: &Range<usize>,
+        widest: Seen,
+        see: impl Fn(&Light) -> Option<Seen>,
+    ) -> Chosen<'_> {
+        let last = nest.end - 1;
+        let holding = (nest.start..last).find_map(|number| {
+            let served = &self.list[number];
+            let seen = see(&served.light)?;
+            let [left, right, bottom, top] = served.map.view.window;
+            let (x, y) = (seen.window_x, seen.window_y);
+            (left <= x && x <= right && bottom <= y && y <= top).then_some((number, seen))
+        });
+        let (number, seen) = holding.unwrap_or((last, widest));
+        Chosen {
+            light: &self.list[number].light,
+            seen,
+            map: Some(number),
+        }
+    }
+
+    /// Whether all that can hide the light lies within the slopes that the nest's widest map looks at. A flat light's
+    /// own plane ends what does, so that slopes beyond them hardly count.
+    fn know_all(&self, nest: &Range<usize>, seen: &Seen) -> bool {
+        !self.is_round
+            || Search::new(self.list[nest.end - 1].map, seen, self.refinements)
+                .is_none_or(|search| search.is_within(WIDEST))
     }
 }
 

@@ -24,7 +24,8 @@ pub enum Method {
 pub struct Settings {
     pub method: Method,
     pub max_samples: usize,
-    /// Points where the map is not to be believed are found, and not evaluated: rays will be.
+    /// Points where the map is not to be believed are found, and not evaluated: rays will be. Those in the light's tables
+    /// always are.
     pub leave_uncertain: bool,
     /// Of an image, every so many-th point each way is evaluated, others only where that does not tell them.
     pub spacing: usize,
@@ -42,6 +43,11 @@ pub struct Points<'a> {
 
 /// Rows of an image that a thread takes at a time, and columns and rows that share their candidates.
 const TILE: usize = 8;
+
+/// A point's uncertainty: the maps answer; rays are to; and are to for what no map knows (`Beside`).
+const SURE: u8 = 0;
+const UNSURE: u8 = 1;
+const BESIDE: u8 = 2;
 
 /// Points that a thread takes at a time if they are no image.
 const CHUNK: usize = 512;
@@ -168,7 +174,7 @@ impl Chunk<'_> {
         }
         match self.scene.start(vector, point) {
             Start::Done(share, doubt) => {
-                (self.visibility[place], self.uncertain[place]) = (share, u8::from(doubt));
+                (self.visibility[place], self.uncertain[place]) = (share, doubt);
             }
             Start::Open(seen, map, hidden) => {
                 let read = self.scene.maps.to_read(map);
@@ -216,7 +222,7 @@ impl Chunk<'_> {
 
 /// What is known of a point before its map is read.
 enum Start {
-    Done(f32, bool),
+    Done(f32, u8),
     /// As the map that it chose sees it, that map, samples hidden already.
     Open(Seen, usize, Bits),
 }
@@ -251,20 +257,21 @@ impl Scene<'_> {
     #[inline(always)]
     fn start<V: Vector>(&self, vector: V, point: usize) -> Start {
         let Some(chosen) = self.maps.choose(|light| self.see(point, light)) else {
-            return Start::Done(1.0, false);
+            return Start::Done(1.0, SURE);
         };
         let seen = &chosen.seen;
         // Written so that a NaN in a normal reads as no light.
         let receives_light = seen.height_range(seen.shading_normal).1 > 0.0;
         if !receives_light {
-            return Start::Done(1.0, false);
+            return Start::Done(1.0, SURE);
         }
         let (lowest, highest) = seen.height_range(seen.geometric_normal);
-        if self.doubts(&chosen, lowest, highest) {
-            return Start::Done(1.0, true);
+        let doubt = self.doubt(&chosen, lowest, highest);
+        if doubt != SURE {
+            return Start::Done(1.0, doubt);
         }
         if let Some(share) = self.grid.and_then(|grid| grid.between(&self.points, point)) {
-            return Start::Done(share, false);
+            return Start::Done(share, SURE);
         }
         let mut hidden = Bits::default();
         if lowest <= 0.0 {
@@ -275,28 +282,29 @@ impl Scene<'_> {
         {
             Start::Open(chosen.seen, map, hidden)
         } else if lowest <= 0.0 {
-            Start::Done(fast::resolve(vector, chosen.light, seen, &hidden), false)
+            Start::Done(fast::resolve(vector, chosen.light, seen, &hidden), SURE)
         } else {
-            Start::Done(1.0, false)
+            Start::Done(1.0, SURE)
         }
     }
 
     /// Whether rays are to come and know better than the map. `lowest` and `highest`: the light's samples above the geometric
     /// horizon.
-    fn doubts(&self, chosen: &Chosen<'_>, lowest: f32, highest: f32) -> bool {
-        if !self.settings.leave_uncertain {
-            return false;
-        }
-        let Some(map) = chosen.map else {
-            return chosen.seen.too_close;
-        };
+    fn doubt(&self, chosen: &Chosen<'_>, lowest: f32, highest: f32) -> u8 {
         let readable = highest > 0.0;
-        let unsure = || {
+        if readable && chosen.is_beside(self.maps) {
+            return BESIDE;
+        }
+        if !self.settings.leave_uncertain {
+            return SURE;
+        }
+        let unsure = |map: usize| {
             lowest <= 0.0
                 || chosen.is_cut_off(self.maps)
                 || near_contact(self.maps.list[map].map, &chosen.seen)
         };
-        chosen.seen.too_close || readable && unsure()
+        let doubtful = chosen.seen.too_close || readable && chosen.map.is_some_and(unsure);
+        if doubtful { UNSURE } else { SURE }
     }
 
     /// A point by the plain twin of the bitmask or by the sum of areas.
@@ -329,8 +337,9 @@ impl Scene<'_> {
             return (1.0, 0);
         }
         let (lowest, highest) = seen.height_range(seen.geometric_normal);
-        if self.doubts(&chosen, lowest, highest) {
-            return (1.0, 1);
+        let doubt = self.doubt(&chosen, lowest, highest);
+        if doubt != SURE {
+            return (1.0, doubt);
         }
         let mut hidden = if lowest <= 0.0 {
             plain::horizon(seen)

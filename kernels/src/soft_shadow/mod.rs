@@ -90,11 +90,11 @@ type Shares<'py> = (Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<u8>>);
 ///
 /// `method`: "bitmask"; "plain", the slow model of it, for tests; "area", the thesis's sum of areas, uniform, without
 /// horizon, nowhere uncertain, to which the last stored depth only ends the layer before it. `beside`, one a map or
-/// none: (rows, columns) u8 over its window, not 0 where casters beside it may hide a part of the light.
+/// none: (rows, columns) u8 over its window, not 0 where casters that no map knows may hide a part of the light.
 ///
 /// Returns (visibility f32, uncertain u8), shaped like the points. Points that are not finite get 1. With
-/// `leave_uncertain`, points where the maps are not to be believed are uncertain and get 1 without a look, for rays to
-/// replace; without it none are.
+/// `leave_uncertain`, points where the maps are not to be believed are uncertain (1) and get 1 without a look, for rays to
+/// replace; those that `beside` tells of (2) always are.
 /// Raises ValueError on bad shapes or values, and Cancelled.
 #[pyfunction]
 #[pyo3(signature = (position, geometric_normal, shading_normal, eye, emitter, maps, max_samples=512, refinements=1,

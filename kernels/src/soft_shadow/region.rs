@@ -71,7 +71,7 @@ impl<'a> Search<'a> {
                 return None;
             }
             search.above = search.above.min(rise - seen.rise);
-            let (region, _) = search.around(search.above, 0)?;
+            let region = search.around(search.above, 0)?;
             if round == refinements {
                 break;
             }
@@ -80,16 +80,20 @@ impl<'a> Search<'a> {
         Some(search)
     }
 
-    /// Whether the whole region lies on the map.
-    pub fn is_inside(&self) -> bool {
-        self.around(self.above, 0).is_none_or(|(_, clipped)| !clipped)
+    /// Whether the whole region lies within a slope.
+    pub fn is_within(&self, slope: f64) -> bool {
+        let [left, right, bottom, top] = self.seen.bounds.map(|side| f64::from(side * self.above));
+        let (x, y) = (self.seen.window_x, self.seen.window_y);
+        [x + left, x + right, y + bottom, y + top]
+            .iter()
+            .all(|side| side.abs() <= slope)
     }
 
     /// One region, on a level coarse enough for `max_samples` texels.
     pub fn whole(&self, max_samples: usize) -> Option<Region> {
         let mut level = 0;
         loop {
-            let (region, _) = self.around(self.above, level)?;
+            let region = self.around(self.above, level)?;
             let texels = (region.x1 - region.x0) as usize * (region.y1 - region.y0) as usize;
             level += 1;
             if texels <= max_samples || level == self.map.levels.len() {
@@ -108,7 +112,7 @@ impl<'a> Search<'a> {
             let (from, to) = band(level, self.map.levels.len());
             let (above_from, above_to) = (from * unit, to * unit);
             if self.above > above_from
-                && let Some((region, _)) = self.around(self.above.min(above_to), level)
+                && let Some(region) = self.around(self.above.min(above_to), level)
             {
                 regions.list[regions.count] = Region {
                     above_from,
@@ -122,20 +126,16 @@ impl<'a> Search<'a> {
     }
 
     /// Texels crossed by the pyramid from the point to the light, up to `above` the point: eq. 5.1.
-    fn around(&self, above: f32, level: usize) -> Option<(Region, bool)> {
+    fn around(&self, above: f32, level: usize) -> Option<Region> {
         let size = &self.map.levels[level];
         let scale = 1.0 / (1u64 << level) as f64;
         let [left, right, bottom, top] = self.reach.map(|reach| reach * f64::from(above));
         let cut = |from: f64, to: f64, count: usize| {
             let (from, to, limit) = ((from * scale).floor(), (to * scale).floor() + 1.0, count as f64);
-            (
-                from.clamp(0.0, limit) as i32,
-                to.clamp(0.0, limit) as i32,
-                from < 0.0 || to > limit,
-            )
+            (from.clamp(0.0, limit) as i32, to.clamp(0.0, limit) as i32)
         };
-        let (x0, x1, cut_x) = cut(self.u + left, self.u + right, size.width);
-        let (y0, y1, cut_y) = cut(self.v + bottom, self.v + top, size.height);
+        let (x0, x1) = cut(self.u + left, self.u + right, size.width);
+        let (y0, y1) = cut(self.v + bottom, self.v + top, size.height);
         let region = Region {
             level,
             x0,
@@ -145,7 +145,7 @@ impl<'a> Search<'a> {
             above_from: 0.0,
             above_to: f32::INFINITY,
         };
-        (x0 < x1 && y0 < y1).then_some((region, cut_x || cut_y))
+        (x0 < x1 && y0 < y1).then_some(region)
     }
 
     /// Largest rise and biased rise in texels x0..x1, y0..y1 of level 0, from at most 2 x 2 of the pyramid's nodes.
