@@ -241,3 +241,20 @@ def test_the_composite_of_a_file_is_the_sum_of_its_lights_times_their_layers(bac
     assert {layer.name for layer in found.layers.layers} == {
         layer["name"] for layer in found.layers.report["layers"]
     }
+
+
+def test_what_fog_scatters_is_not_dimmed_by_the_fog_again(backend):
+    """Along a view ray scattered light has been dimmed already; only light from surfaces has the whole way."""
+    fog = {"use_scene_medium": False, "scattering_per_m": "0.1,0.1,0.1", "light_samples": 1}
+    found = baked(SAMPLES / "plain.blend", backend, lit=True, values={"volumetric_light": fog})
+    layers = {layer.name: layer.pixels for layer in found.layers.layers}
+    passed = layers.pop("Transmittance")[..., :3]
+    surfaces, scattered = 0.0, 0.0
+    for layer in found.layers.layers:
+        if layer.effect == "volumetric_light" and layer.name in layers:
+            scattered = scattered + layers[layer.name]
+    for index, picture in found.lit.items():
+        shadows = [s for s in found.layers.layers if s.effect == "soft_shadow" and s.light_index == index]
+        surfaces = surfaces + picture[..., :3] * (shadows[0].pixels[..., None] if shadows else 1.0)
+    assert passed.min() < 0.5
+    assert np.allclose(found.composite[..., :3], surfaces * passed + scattered, rtol=1e-4, atol=1e-5)

@@ -22,8 +22,8 @@ def record(recorder: Recorder, outline: Outline) -> None:
     """Adds the composite of everything recorded so far, as a layer of no effect.
 
     Every light that shines on what is in view counts, those without a layer unshadowed. Layers join as
-    their kind declares (`LayerKind.blend`): first those that scale one light, then emission, then the others
-    in the order that they were declared in.
+    their kind declares (`LayerKind.blend`): first those that scale one light, then emission, then those that
+    all light from surfaces passes, then those that add light of their own, and last those that lie over it.
     """
     seen, receivers = receivers_in_view(outline, boxes_of(outline))
     if not len(receivers):
@@ -46,9 +46,10 @@ def record(recorder: Recorder, outline: Outline) -> None:
     if (emission := lit.emission(recorder, outline, visible)) is not None:
         inputs.append(emission)
         joins.append((Blend.ADD.value,))
-    for layer in recorder.layers:
-        if layer.blend not in (Blend.NONE, Blend.SCALE_LIGHT):
-            inputs.append(layer.node)
-            joins.append((layer.blend.value,))
+    for blend in (Blend.MULTIPLY, Blend.ADD, Blend.OVER):
+        for layer in recorder.layers:
+            if layer.blend == blend:
+                inputs.append(layer.node)
+                joins.append((blend.value,))
     albedo = lit.base_colour(recorder, outline)
     recorder.layer(KIND, recorder.step(lit.COMPOSITE, albedo, *inputs, joins=tuple(joins)))
