@@ -267,3 +267,29 @@ def test_rays_towards_a_place_end_there_and_ask_only_where_it_matters(is_distant
     flag.set()
     with pytest.raises(kernels.Cancelled):
         kernels.rays_towards(accel, None, place, is_distant, position, up, up, cancel=flag)
+
+
+@pytest.mark.parametrize("shared", [False, True])  # one mesh for all, a tree of its own, or a mesh each
+@pytest.mark.parametrize("count", [2, 40])
+def test_of_copies_at_one_place_the_first_is_hit(count, shared):
+    """As the rasteriser has it: the lowest instance of those equally near, wherever a tree puts them."""
+    generator = np.random.default_rng(8)
+    triangles = torus(1.5, 0.5, 24, 16)
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation(generator), (0.2, -0.1, -6.0)
+    corners = np.arange(3 * len(triangles), dtype=np.int32)
+    starts = np.arange(0, 3 * len(triangles) + 1, 3, dtype=np.int32)
+    geometry = kernels.Geometry()
+    material = geometry.add_material()
+    for index in range(count):
+        if index == 0 or not shared:
+            mesh = geometry.add_mesh(triangles.reshape(-1, 3), corners, starts)
+        geometry.add_instance(mesh, matrix, 1, [material])
+    accel = kernels.Accel(geometry, np.zeros(3))
+    towards = np.concatenate([generator.uniform(-0.3, 0.3, (4000, 2)), np.full((4000, 1), -1.0)], axis=1)
+    rays = np.zeros((4000, 3), np.float32), towards.astype(np.float32), np.full(4000, np.inf, np.float32)
+    for first in (0, 1):
+        some = (np.arange(count) >= first).astype(np.uint8)
+        t, instance, _ = accel.nearest(some, *rays)
+        assert np.isfinite(t).mean() > 0.5
+        assert (instance[np.isfinite(t)] == first).all()

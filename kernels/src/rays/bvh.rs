@@ -250,7 +250,7 @@ fn opened(tree: &Bvh2, node: usize) -> Vec<usize> {
     children
 }
 
-/// What the nearest hit of each ray was.
+/// What the nearest hit of each ray was; of several equally near the lowest (instance, triangle).
 #[derive(Clone, Copy)]
 pub struct Nearest {
     pub instance: [u32; LANES],

@@ -44,7 +44,11 @@ impl<const SHARED: bool, const NEAREST: bool> Leaf for InTriangles<'_, SHARED, N
                 seen = block.seen_from(simd, packet.origin_of(ray), packet);
             }
             let d = &packet.direction;
-            let hits = seen.intersect(simd, [d[0][ray], d[1][ray], d[2][ray]], packet.t_max[ray]);
+            // As far as the hit so far, and not just before it: of equal ones the rule below decides.
+            let met = NEAREST && self.nearest.instance[ray] != u32::MAX;
+            let t_max = packet.t_max[ray];
+            let end = if met { t_max.next_up() } else { t_max };
+            let hits = seen.intersect(simd, [d[0][ray], d[1][ray], d[2][ray]], end);
             let mut hit = hits.hit & casting;
             if hit & block.cutouts != 0 {
                 let mut weights = [[0.0; LANES]; 3];
@@ -60,12 +64,18 @@ impl<const SHARED: bool, const NEAREST: bool> Leaf for InTriangles<'_, SHARED, N
                 let mut t = [0.0; LANES];
                 simd.store(hits.t, &mut t);
                 for lane in lanes_of(hit) {
-                    if t[lane] >= packet.t_max[ray] {
-                        continue;
+                    let id = (
+                        self.instance.unwrap_or(block.instances[lane]),
+                        block.triangles[lane],
+                    );
+                    let kept = (self.nearest.instance[ray], self.nearest.triangle[ray]);
+                    let t_max = &mut packet.t_max[ray];
+                    // Whatever the order of the tree, the lowest (instance, triangle) of those equally near, as in
+                    // the rasteriser.
+                    if t[lane] < *t_max || t[lane] == *t_max && id < kept {
+                        *t_max = t[lane];
+                        (self.nearest.instance[ray], self.nearest.triangle[ray]) = id;
                     }
-                    packet.t_max[ray] = t[lane];
-                    self.nearest.instance[ray] = self.instance.unwrap_or(block.instances[lane]);
-                    self.nearest.triangle[ray] = block.triangles[lane];
                 }
             } else {
                 packet.hit |= 1 << ray;
