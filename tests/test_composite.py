@@ -244,7 +244,7 @@ def test_the_composite_of_a_file_is_the_sum_of_its_lights_times_their_layers(bac
 
 
 def test_what_fog_scatters_is_not_dimmed_by_the_fog_again(backend):
-    """Along a view ray scattered light has been dimmed already; only light from surfaces has the whole way."""
+    """Scattered light has been dimmed on its way already; only light from surfaces goes all the way."""
     fog = {"use_scene_medium": False, "scattering_per_m": "0.1,0.1,0.1", "light_samples": 1}
     found = baked(SAMPLES / "plain.blend", backend, lit=True, values={"volumetric_light": fog})
     layers = {layer.name: layer.pixels for layer in found.layers.layers}
