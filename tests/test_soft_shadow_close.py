@@ -34,6 +34,12 @@ def test_what_is_close_to_a_lamp_hides_its_rim(lamp, fixture, radius_m):
         assert abs(found.bias) < 0.4 * BOUNDS[method], method
 
 
+@pytest.mark.parametrize("fixture", ["cylinder", "cone"])
+def test_a_shade_around_a_bulb_is_known_where_rays_may_answer(fixture):
+    found = errors("point", fixture, 0.1, ("hybrid",))["hybrid"]
+    assert found.rmse < BOUNDS["hybrid"]
+
+
 def test_the_fixtures_cast_shadows():
     """A scene whose lamp is left alone would pass everything."""
     case = close_casters.read(close_casters.scene_of("point", "gobo", 0.1), SIZE)

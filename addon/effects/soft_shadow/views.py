@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,7 +43,8 @@ FARTHEST_M = 2e9
 """Metres; beyond it the fourth power of a distance leaves single precision."""
 
 AROUND = 12.0
-"""Radii of a spot or a point that a mesh whose box is around it is taken to be away."""
+"""Radii of a spot or a point that a mesh whose box is around it is taken to be away, unless rays will answer:
+their tables are about what maps of all that is close do not know."""
 
 ROUND_KINDS = (EmitterKind.SPHERE, EmitterKind.FACING_DISK)
 
@@ -131,6 +132,10 @@ def _nested_views(
     """Along `axes`, of receivers within slopes of `lit`."""
     casters = _Boxes.of(emitter, axes, casters, WIDEST_TANGENT)
     receivers = _Boxes.of(emitter, axes, receivers, lit)
+    if not hold_receivers:
+        # A box around the light, as of a room or a lantern, does not say how close its mesh is.
+        away = np.where(casters.away > 0.0, casters.away, AROUND * emitter.half_width)
+        casters = replace(casters, away=away)
     whole, reason = _window(emitter, casters, receivers, lit, WIDEST_TANGENT)
     if hold_receivers and reason != "no receivers":
         whole, reason = _holding(receivers, lit, whole), ""
@@ -298,8 +303,6 @@ def _reach(
     # A disk that is turned to a point aside reaches farther on the light's plane.
     on_plane = half * math.hypot(1.0, *aside) * (1.0 / nearest - 1.0 / far)
     # And no ray to it is turned by more than asin(radius / away); seen along one axis only, more.
-    # A box around the light, as of a room or a lantern, does not say how close its mesh is.
-    away = np.where(away > 0.0, away, AROUND * emitter.half_width)
     turn = np.arcsin(np.minimum(emitter.half_width / np.maximum(away, 1e-30), 1.0))
     turn = np.arctan(np.tan(turn) * np.hypot(1.0, aside[::-1])[:, None])
     angle = np.minimum(np.arctan(aside)[:, None] + turn, 0.5 * np.pi - 1e-6)
