@@ -14,7 +14,8 @@ import numpy as np
 from .core.arrays import Arrays
 from .core.effect import Effect
 from .core.errors import Cancelled, StrataError
-from .core.executor import Execution, Executor
+from .core.execution import Execution
+from .core.executor import Executor
 from .core.free_memory import free_bytes, give_back, held_bytes
 from .core.graph import Graph, Node, PlannedLayer
 from .core.layers import Layer, LayerSet

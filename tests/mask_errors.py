@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from strata.addon.core.executor import Execution, Executor, drain
+from strata.addon.core.execution import Execution
+from strata.addon.core.executor import Executor, drain
 from strata.addon.core.sampling import Sampling
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.measure.image import SUPERSAMPLES, WRONG

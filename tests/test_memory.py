@@ -14,7 +14,8 @@ import pytest
 from conftest import SAMPLES
 from strata.addon.bake import Options, bake
 from strata.addon.core.errors import StrataError
-from strata.addon.core.executor import Execution, Executor, drain
+from strata.addon.core.execution import Execution
+from strata.addon.core.executor import Executor, drain
 from strata.addon.core.graph import Node, Step
 from strata.addon.core.memory import MEBIBYTE, MemoryEstimate, in_groups
 from strata.addon.core.sampling import Sampling

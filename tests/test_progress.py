@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 from strata.addon.core import progress
-from strata.addon.core.executor import Execution
+from strata.addon.core.execution import Execution
 from strata.addon.core.graph import Graph, Node, PlannedLayer, Step
 from strata.addon.core.progress import Forecast
 from strata.addon.core.slices import finished

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from .executor import Execution
+from .execution import Execution
 from .graph import Graph, Node
 
 ORDINARY_SECONDS = {

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..bake import Options
-from ..core.executor import Execution
+from ..core.execution import Execution
 from ..core.graph import Graph, PlannedLayer
 from ..core.sampling import Sampling
 from ..core.surface import Chunk
