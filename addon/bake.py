@@ -180,9 +180,9 @@ class BakeJob:
         self.devices.fallback.cancel_flag.set()
 
     def advance(self, budget_seconds: float = float("inf")) -> bool:
-        """Works on; True when the result is there. Raises Cancelled, or what went wrong."""
+        """Works on, at least by a step; True when the result is there. Raises Cancelled, or what failed."""
         end = time.perf_counter() + budget_seconds
-        while self._result is None and time.perf_counter() < end:
+        while self._result is None:
             if self._failure is not None:
                 raise self._failure
             try:
@@ -193,6 +193,8 @@ class BakeJob:
             except BaseException as failure:
                 self._failure = failure
                 raise
+            if time.perf_counter() >= end:
+                break
         return self._result is not None
 
     def result(self) -> Baked:

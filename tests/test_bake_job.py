@@ -135,6 +135,15 @@ def test_looking_and_measuring_come_in_slices():
     assert stages.count("Measuring") >= 10
 
 
+def test_a_slice_of_no_time_gets_on_all_the_same():
+    job = job_of(*random_scene(1))
+    for _ in range(10_000):
+        if job.advance(0.0):
+            break
+    assert job.stage == "Done"
+    assert job.advance(0.0)
+
+
 @pytest.mark.parametrize("stage", ["Starting", "Baking", "Measuring"])
 def test_the_next_slice_after_cancelling_raises(stage):
     outline, arrays = random_scene(1)
