@@ -17,7 +17,7 @@ from .core.errors import Cancelled, StrataError
 from .core.execution import Execution
 from .core.executor import Executor
 from .core.free_memory import free_bytes, give_back, held_bytes
-from .core.graph import Graph, Node, PlannedLayer
+from .core.graph import Graph, PlannedLayer
 from .core.layers import Layer, LayerSet
 from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups
 from .core.outline import Outline
@@ -27,15 +27,14 @@ from .core.sampling import Sampling
 from .core.sequence import SequenceLayer, with_neutral
 from .core.slices import timed
 from .core.surface import Chunk
-from .devices.cpu import CpuRays
 from .devices.start import Devices, start_devices
 from .effects.registry import EFFECTS, effect_named
 from .effects.shared import composite, lit
 from .effects.shared.look import look
-from .effects.shared.steps import ray_accelerator
-from .measure.budget import MeasuringOutlook, allowed_seconds
+from .measure.budget import MeasuringOutlook
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured, Report, StepTime, report_of
+from .measuring import Measuring, unless_cancelled
 
 SHOWING_SECONDS = 0.05  # between two looks at how long it still takes
 """Of a bake that is measured; measuring takes the rest."""
@@ -157,14 +156,11 @@ class BakeJob:
         self.stage = "Starting"
         self._started = self._shown = time.perf_counter()
         self._forecast: Forecast | None = None
-        self._outlook: MeasuringOutlook | None = None
+        self._measuring: Measuring | None = None
         self.tiles: deque[tuple[int, np.ndarray]] | None = None
         self._warnings = [*warnings, *outline.warnings, *arrays.warnings]
         self._read_seconds = read_seconds
         self._look_seconds = 0.0
-        self._rays: CpuRays | NotMeasured | None = None  # for measuring
-        self._rays_seconds = 0.0  # of one layer
-        self._measuring_seconds = 0.0  # of all so far
         self._held = held_bytes()
         self.memory: MemoryEstimate | None = None  # told once the look has been taken
         self._result: Baked | None = None
@@ -215,20 +211,23 @@ class BakeJob:
         if self.memory.shortage:
             self._warnings.append(self.memory.shortage)
         cancelled = (*self.devices.primary.cancelled, *self.devices.fallback.cancelled)
-        measurement = None
         if options.probes != 0:
             measurement = Measurement(self.graph, outline, options.probes, options.seed, cancelled)
-            self._outlook = MeasuringOutlook(self.graph, outline, options.probes)
+            outlook = MeasuringOutlook(self.graph, outline, options.probes)
+            before = self._read_seconds + self._look_seconds
+            self._measuring = Measuring(measurement, outlook, executor, outline, self.graph, before)
         self._forecast = Forecast(groups, sampling.chunk_count, pixels, execution)
         errors: dict[str, LayerError | NotMeasured] = {}
+        collector = self._measuring and self._measuring.measurement
         for number, group in enumerate(groups):
             self.stage = "Baking"
             sampled = partial(self._show_tile, execution, number == 0)
-            for _ in executor.run(group, sampling, measurement, execution, sampled):
+            for _ in executor.run(group, sampling, collector, execution, sampled):
                 self._show_progress()
                 yield
-            if measurement:
-                errors |= yield from self._measure(measurement, executor, group)
+            if self._measuring:
+                self.stage = "Measuring"
+                errors |= yield from self._showing(self._measuring.errors(group))
             executor.keep_only(*groups[number + 1 :])
             if len(groups) > 1:
                 give_back()
@@ -246,8 +245,8 @@ class BakeJob:
             return
         self._shown, passed = now, now - self._started
         left = self._forecast.seconds_left()
-        if self._outlook:
-            left += self._outlook.seconds_left(passed + left)
+        if self._measuring:
+            left += self._measuring.outlook.seconds_left(passed + left)
         self.progress = max(self.progress, passed / (passed + left))
 
     def _show_tile(self, execution: Execution, is_first_group: bool, chunk: Chunk) -> None:
@@ -269,68 +268,14 @@ class BakeJob:
         geometry = executor.value(node.inputs[0], device)
         yield
         looking = look(device, geometry, self.outline, node.params["visible"])
-        seen, self._look_seconds = yield from timed(self._showing(self._unless_cancelled(looking)))
+        seen, self._look_seconds = yield from timed(
+            self._showing(unless_cancelled(looking, device.cancel_flag))
+        )
         if len(seen):
             started = time.perf_counter()
             self.outline = replace(self.outline, seen=seen)
             self.graph = plan_scene(self.outline, self.options)
             self._look_seconds += time.perf_counter() - started
-
-    def _measure(
-        self, measurement: Measurement, executor: Executor, graph: Graph
-    ) -> Generator[None, None, dict[str, LayerError | NotMeasured]]:
-        """The error of each of the graph's layers, by name: rays against the layer's own casters, on the CPU
-        whatever made the layer."""
-        self.stage = "Measuring"
-        layers = [layer for layer in graph.layers if layer.kind.reference]
-        if not layers:
-            return {}
-        if self._rays is None:
-            self._rays = yield from measurement.guarded(self._started_rays(executor))
-        if isinstance(self._rays, NotMeasured):
-            return {layer.name: self._rays for layer in layers}
-        errors = {}
-        for number, layer in enumerate(layers, start=1):
-            allowed = self._allowed_seconds(measurement, executor.execution) / (len(layers) - number + 1)
-            work = self._measured(measurement, layer, executor.execution.images[layer.name], allowed)
-            work = self._outlook.watched(timed(measurement.guarded(work)))
-            error, seconds = yield from self._showing(work)
-            self._measuring_seconds += seconds
-            if isinstance(error, LayerError):
-                error = replace(error, seconds=error.seconds + self._rays_seconds)
-            errors[layer.name] = error
-            measurement.forget(layer)
-        return errors
-
-    def _allowed_seconds(self, measurement: Measurement, execution: Execution) -> float:
-        """What measuring may still take of what has been baked so far."""
-        baked = sum(timing.seconds for timing in execution.timings.values())
-        spent = measurement.collecting_seconds + self._measuring_seconds
-        return allowed_seconds(self._read_seconds + self._look_seconds + baked) - spent
-
-    def _measured(
-        self, measurement: Measurement, layer: PlannedLayer, image: np.ndarray, allowed: float
-    ) -> Generator[None, None, LayerError | NotMeasured]:
-        casters = self.devices.fallback.instance_mask(layer.casters)
-        work = measurement.measure(layer, self._rays, casters, image, allowed)
-        return (yield from self._unless_cancelled(work))
-
-    def _started_rays(self, executor: Executor) -> Generator[None, None, CpuRays]:
-        """What references trace with."""
-        device, graph = self.devices.fallback, self.graph
-        accelerator, seconds = _value_apart(executor, ray_accelerator(self.outline), device)
-        self._outlook.has_tree = True
-        self._measuring_seconds += seconds
-        self._rays_seconds = seconds / sum(layer.kind.reference is not None for layer in graph.layers)
-        yield
-        return CpuRays(
-            accelerator,
-            np.array(self.outline.view.eye),
-            device.cancel_flag,
-            device.camera_rays(graph.surface.params["visible"], graph.surface_attributes),
-            value=lambda node: executor.value(node, device),
-            texture=device.texture,
-        )
 
     def _showing[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
         """The same, telling `progress` at its yields."""
@@ -340,17 +285,6 @@ class BakeJob:
             except StopIteration as end:
                 return end.value
             self._show_progress()
-            yield
-
-    def _unless_cancelled[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
-        """The same; raises Cancelled at its next slice once the flag is set."""
-        while True:
-            if self.devices.fallback.cancel_flag.is_set():
-                raise Cancelled()
-            try:
-                next(work)
-            except StopIteration as end:
-                return end.value
             yield
 
     def _finished(
@@ -437,19 +371,6 @@ class BakeJob:
         if picture is None and self.options.composite and self.sequence:
             picture = np.broadcast_to(np.float32(0.0), (height, width, 4))  # as other frames have one
         return Baked(layer_set, report, pictures, picture)
-
-
-def _value_apart(executor: Executor, node: Node, device) -> tuple[Any, float]:
-    """A node's value, and the seconds that it took, if any: they are no layer's, and not in the timings."""
-    timings = executor.execution.timings
-    before = {key: replace(timing) for key, timing in timings.items()}
-    try:
-        value = executor.value(node, device)
-        seconds = sum(timing.seconds for timing in timings.values())
-    finally:
-        timings.clear()
-        timings.update(before)
-    return value, seconds - sum(timing.seconds for timing in before.values())
 
 
 def _is_composite(layer: PlannedLayer) -> bool:

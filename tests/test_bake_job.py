@@ -21,6 +21,7 @@ from strata.addon.effects.soft_shadow.reference import evaluate
 from strata.addon.effects.soft_shadow.run import needed
 from strata.addon.measure.probes import ProbeCollector
 from strata.addon.measure.report import LayerError, NotMeasured, format_table
+from strata.addon.measuring import Measuring
 
 IDENTITY = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
 DOWN = {"right": (1.0, 0.0, 0.0), "up": (0.0, 1.0, 0.0), "forward": (0.0, 0.0, -1.0)}
@@ -241,13 +242,13 @@ def two_lamps(monkeypatch, error: BaseException, **options) -> BakeJob:
     lamps = [lamp((WRONG_SIDE, 0.0, 5.0)), replace(lamp((0.0, 0.0, 5.0)), name="Other", key="Other")]
     outline, arrays = scene_of([FLOOR, PLATE], lamps)
     job = job_of(outline, arrays, **options)
-    original = BakeJob._measure
+    original = Measuring.errors
 
-    def measured(self, measurement, executor, graph, *shares):
+    def errors(self, graph):
         layers = tuple(replace(layer, kind=kind) for layer in graph.layers)
-        return original(self, measurement, executor, replace(graph, layers=layers), *shares)
+        return original(self, replace(graph, layers=layers))
 
-    monkeypatch.setattr(BakeJob, "_measure", measured)
+    monkeypatch.setattr(Measuring, "errors", errors)
     return job
 
 

@@ -1,0 +1,124 @@
+"""The part of a bake that measures what came out: what references trace with, how long a layer may take."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Generator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .core.errors import Cancelled
+from .core.executor import Executor
+from .core.graph import Graph, Node, PlannedLayer
+from .core.outline import Outline
+from .core.slices import timed
+from .devices.cpu import CpuRays
+from .effects.shared.steps import ray_accelerator
+from .measure.budget import MeasuringOutlook, allowed_seconds
+from .measure.measure import Measurement
+from .measure.report import LayerError, NotMeasured
+
+
+class Measuring:
+    """Of one bake's layers, group by group. `executor` makes them, and what rays need; `graph` is the whole;
+    `seconds_before` were spent on the bake before `executor` began."""
+
+    def __init__(
+        self,
+        measurement: Measurement,
+        outlook: MeasuringOutlook,
+        executor: Executor,
+        outline: Outline,
+        graph: Graph,
+        seconds_before: float,
+    ):
+        self.measurement, self.outlook = measurement, outlook
+        self._executor, self._outline, self._graph = executor, outline, graph
+        self._seconds_before = seconds_before
+        self._rays: CpuRays | NotMeasured | None = None
+        self._rays_seconds = 0.0  # of one layer
+        self.seconds = 0.0  # of all so far, without the collecting
+
+    def errors(self, graph: Graph) -> Generator[None, None, dict[str, LayerError | NotMeasured]]:
+        """The error of each of the graph's layers, by name: rays against the layer's own casters, on the CPU
+        whatever made the layer."""
+        layers = [layer for layer in graph.layers if layer.kind.reference]
+        if not layers:
+            return {}
+        if self._rays is None:
+            self._rays = yield from self.measurement.guarded(self._started_rays())
+        if isinstance(self._rays, NotMeasured):
+            return {layer.name: self._rays for layer in layers}
+        execution, errors = self._executor.execution, {}
+        for number, layer in enumerate(layers, start=1):
+            allowed = self._allowed_seconds() / (len(layers) - number + 1)
+            work = self._measured(layer, execution.images[layer.name], allowed)
+            work = self.outlook.watched(timed(self.measurement.guarded(work)))
+            error, seconds = yield from work
+            self.seconds += seconds
+            if isinstance(error, LayerError):
+                error = replace(error, seconds=error.seconds + self._rays_seconds)
+            errors[layer.name] = error
+            self.measurement.forget(layer)
+        return errors
+
+    def _allowed_seconds(self) -> float:
+        """What measuring may still take of what has been baked so far."""
+        baked = sum(timing.seconds for timing in self._executor.execution.timings.values())
+        spent = self.measurement.collecting_seconds + self.seconds
+        return allowed_seconds(self._seconds_before + baked) - spent
+
+    def _measured(
+        self, layer: PlannedLayer, image: np.ndarray, allowed: float
+    ) -> Generator[None, None, LayerError | NotMeasured]:
+        device = self._executor.fallback
+        work = self.measurement.measure(
+            layer, self._rays, device.instance_mask(layer.casters), image, allowed
+        )
+        return (yield from unless_cancelled(work, device.cancel_flag))
+
+    def _started_rays(self) -> Generator[None, None, CpuRays]:
+        """What references trace with."""
+        executor, device, graph = self._executor, self._executor.fallback, self._graph
+        accelerator, seconds = _value_apart(executor, ray_accelerator(self._outline), device)
+        self.outlook.has_tree = True
+        self.seconds += seconds
+        self._rays_seconds = seconds / sum(layer.kind.reference is not None for layer in graph.layers)
+        yield
+        return CpuRays(
+            accelerator,
+            np.array(self._outline.view.eye),
+            device.cancel_flag,
+            device.camera_rays(graph.surface.params["visible"], graph.surface_attributes),
+            value=lambda node: executor.value(node, device),
+            texture=device.texture,
+        )
+
+
+def unless_cancelled[Result](
+    work: Generator[None, None, Result], flag: threading.Event
+) -> Generator[None, None, Result]:
+    """The same; raises Cancelled at its next slice once the flag is set."""
+    while True:
+        if flag.is_set():
+            raise Cancelled()
+        try:
+            next(work)
+        except StopIteration as end:
+            return end.value
+        yield
+
+
+def _value_apart(executor: Executor, node: Node, device) -> tuple[Any, float]:
+    """A node's value, and the seconds that it took, if any: they are no layer's, and not in the timings."""
+    timings = executor.execution.timings
+    before = {key: replace(timing) for key, timing in timings.items()}
+    try:
+        value = executor.value(node, device)
+        seconds = sum(timing.seconds for timing in timings.values())
+    finally:
+        timings.clear()
+        timings.update(before)
+    return value, seconds - sum(timing.seconds for timing in before.values())
