@@ -281,7 +281,7 @@ def test_layers_are_whole_where_no_probe_was_collected(monkeypatch):
 
 
 def test_layers_are_whole_where_the_tree_cannot_be_built(monkeypatch):
-    monkeypatch.setattr("strata.addon.bake.ray_accelerator", lambda outline: 1 / 0)
+    monkeypatch.setattr("strata.addon.measuring.ray_accelerator", lambda outline: 1 / 0)
     (layer,) = bake().layers.layers
     assert "ZeroDivisionError" in layer.error["not_measured"]
 
