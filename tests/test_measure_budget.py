@@ -49,4 +49,6 @@ def test_some_probes_are_taken_whatever_they_cost(monkeypatch):
     clock = Clock(monkeypatch, 1.0, once=5.0)
     assert finished(within(clock.work, 0.1)) == (32, 32)
     assert clock.runs == [8, 32]
+    clock.runs.clear()
     assert finished(within(clock.work, -3.0)) == (32, 32)
+    assert clock.runs == [32]  # none to find out what more would take

@@ -86,6 +86,8 @@ def within[Result](
     """
     found, spent = None, 0.0
     for number, probes in enumerate(PILOTS):
+        if number == 0 and seconds <= 0.0:
+            continue  # there is nothing to find out
         result, took = yield from timed(work(probes))
         found, spent = (result, probes), spent + took
         if number == 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Generator, Iterable
 from dataclasses import replace
 
@@ -20,7 +21,7 @@ from ..core.surface import Chunk
 from ..core.view_rays import view_rays
 from .budget import DEFAULT_PROBES, within
 from .image import WatchedImage, measure_light, measure_mask
-from .probes import ProbeCollector, WatchedShadow, shadow_strata
+from .probes import Kept, ProbeCollector, Stratum, WatchedShadow, shadow_strata
 from .report import LayerError, NotMeasured
 from .visibility import measure_visibility
 
@@ -105,27 +106,39 @@ class Measurement:
         if layer.name in self._lost:
             return self._lost[layer.name]
 
+        started = time.perf_counter()
+        strata = self._strata(layer)  # once for all runs
+        choosing_seconds = self._collecting_seconds[layer.name] + time.perf_counter() - started
+
         def measuring(probes: int):
-            return self._measuring(layer, rays, casters, image, probes)
+            return self._measuring(layer, strata, rays, casters, image, probes)
 
         if not self.has_budget:
             error, seconds = yield from timed(measuring(self.probes))
         else:
             (error, probes), seconds = yield from timed(within(measuring, allowed_seconds))
             error = replace(error, probes_in_time=probes)
-        return replace(error, seconds=self._collecting_seconds[layer.name] + seconds)
+        return replace(error, seconds=choosing_seconds + seconds)
 
     def forget(self, layer: PlannedLayer) -> None:
         """Frees the probes of a layer that has been measured."""
         if collector := self._collectors.pop(layer.name, None):
             collector.forget(layer.name)
 
-    def _measuring(self, layer, rays, casters, image, probes: int) -> Generator[None, None, LayerError]:
+    def _strata(self, layer: PlannedLayer) -> tuple[Stratum, ...] | tuple[Kept, ...]:
+        """A shadow's Stratum, another layer's Kept."""
+        collector = self._collectors[layer.name]
+        if layer.kind.metric == Metric.WEIGHTED_RMSE:
+            return shadow_strata(collector, self._watched[layer.name])
+        return tuple(collector.kept(layer.name))
+
+    def _measuring(
+        self, layer, strata, rays, casters, image, probes: int
+    ) -> Generator[None, None, LayerError]:
         kind, seed = layer.kind, int(hash_bits(self.seed, text_bits(layer.name)))
         if kind.metric == Metric.WEIGHTED_RMSE:
-            return self._measuring_shadow(layer, rays, casters, probes, seed)
+            return self._measuring_shadow(layer, strata, rays, casters, probes, seed)
         outline, size = self._outline, self._outline.computed_size
-        strata = list(self._collectors[layer.name].kept(layer.name))
 
         def along(seen, seed):
             return kind.reference(rays, outline, layer, seen, seed)
@@ -147,7 +160,9 @@ class Measurement:
             strata, image, probes * kind.looks, along, rays.look, scattered, kind.reference_name, seed
         )
 
-    def _measuring_shadow(self, layer, rays, casters, probes: int, seed) -> Generator[None, None, LayerError]:
+    def _measuring_shadow(
+        self, layer, strata, rays, casters, probes: int, seed
+    ) -> Generator[None, None, LayerError]:
         watched = self._watched[layer.name]
 
         def weigh(points):
@@ -160,7 +175,6 @@ class Measurement:
             light = ShadowLight(watched.emitter, casters)
             return layer.kind.reference(rays, light, points, samples, seed)
 
-        strata = shadow_strata(self._collectors[layer.name], watched)
         return measure_visibility(strata, probes, weigh, screen, reference, seed)
 
 
