@@ -20,6 +20,9 @@ PHOTOGRAPHS = TESTS.parent / "out" / "interface"
 # 0.2 s is the promise, which test_job.py times without a window; here the window is drawn in software, and
 # the driver looks again only after each drawing.
 SECONDS_TO_CANCEL = 3.0
+# A GPU job is worked off on the main thread, and nothing interrupts a call of a GPU in software: 1.9 s were
+# seen on a busy machine. A window that is frozen is so until the render's end.
+SOFTWARE_CALL_SECONDS = 5.0
 # Mean difference of parts, out of 1: pixels of preview and bake differ a little in size and sample edges
 # elsewhere, and the window has 8 bits.
 MOST_APART = 0.03
@@ -126,15 +129,16 @@ def check_a_session(backend, archive, display, tmp_path):
 def check_renders(backend, device, archive, display, tmp_path):
     photographs = PHOTOGRAPHS / f"{backend} renders {device}"
     found = in_a_window(photographs, backend, archive, display, tmp_path, "interface_render.py", device)
+    one_call = SOFTWARE_CALL_SECONDS if device == "gpu" else 0.0
     for name in ("WINDOW", "NONE", "AREA", "SCREEN"):
         seen = found[name]
         assert seen["renders"], name
-        assert seen["gap"] < 3.0 * seen["idle"] + 0.5, (name, seen)
-        assert seen["seconds to cancel"] < SECONDS_TO_CANCEL, (name, seen)
+        assert seen["gap"] < 3.0 * seen["idle"] + 0.5 + one_call, (name, seen)
+        assert seen["seconds to cancel"] < SECONDS_TO_CANCEL + one_call, (name, seen)
     if device == "cpu":  # a GPU in software may still be at its first sample
         middle = brightness(photographs / f"{device} SCREEN.png")[420:480, 640:760]
         assert middle.std() > 0.1  # no checkerboard, but the picture so far
-    assert found["seconds to open a file"] < SECONDS_TO_CANCEL
+    assert found["seconds to open a file"] < SECONDS_TO_CANCEL + one_call
     assert not found["renders after opening"]
     assert found["F12"] == found["script"] == [device, "asked for"]
     assert found["locked"][0] == "cpu"

@@ -100,8 +100,6 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
     column.active = not STATE.is_baking
     for name in ("backend", "samples", "probes", "memory_gb"):
         column.prop(settings, name)
-    if memory := STATE.memory.get(context.scene.session_uid):
-        text(column, context, memory.shortage or memory.sentence, "MEMORY")
     column.separator()
     column.prop(settings, "save_to")
     if settings.save_to != "IMAGES":
@@ -185,6 +183,10 @@ def lights(layout: bpy.types.UILayout, context) -> None:
         light(layout, context, name, [row for row in rows if row.light == name])
     word = "Look Again" if names else "Look at the Scene"
     layout.operator("strata.plan", text=word, icon="VIEWZOOM")
+    # Below what a mouse may be on its way to.
+    if memory := STATE.memory.get(context.scene.session_uid):
+        words = memory.shortage or memory.sentence
+        text(layout, context, words[0].upper() + words[1:], "MEMORY")
 
 
 def light(layout: bpy.types.UILayout, context, name: str, rows: list[PlanRow]) -> None:

@@ -200,8 +200,8 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
             default=2048, min=0, max=1 << 20, soft_max=16384,
         ),
         "memory_gb": bpy.props.FloatProperty(
-            name="Memory",
-            description="What a bake may take beside Blender itself, GB. Lamps are worked off in groups that "
+            name="Memory (GB)",
+            description="What a bake may take beside Blender itself. Lamps are worked off in groups that "
             "fit. 0: half of what is free, or less where more is of no use",
             default=0.0, min=0.0, max=1e6, soft_max=64.0, precision=1,
         ),
