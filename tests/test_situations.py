@@ -207,7 +207,7 @@ def test_what_is_no_file_is_refused_at_once(kind, tmp_path, capfd):
     assert capfd.readouterr().err == f"strata: cannot read '{path}': it is not a file\n"
 
 
-@pytest.mark.parametrize("name", ["a" * 300 + ".exr", "/proc/out.exr", "\udcff/out.exr"])
+@pytest.mark.parametrize("name", ["a" * 300 + ".exr", "/proc/out.exr"])
 def test_outputs_that_cannot_be_are_one_line(name, tmp_path, capfd):
     assert main(["bake", SCENE, "-o", str(tmp_path / name), *QUICK]) == 2
     err = capfd.readouterr().err
@@ -218,7 +218,7 @@ def test_outputs_that_cannot_be_are_one_line(name, tmp_path, capfd):
 def test_names_that_are_no_text_are_written_all_the_same(tmp_path, capfd):
     scene = tmp_path / "s\udcff.blend"
     scene.write_bytes((SAMPLES / "stacked.blend").read_bytes())
-    out, report = tmp_path / "o\udcff.exr", tmp_path / "o\udcff.json"
+    out, report = tmp_path / "f\udcff" / "o\udcff.exr", tmp_path / "o\udcff.json"
     code = main(["bake", str(scene), "-o", str(out), "--report", str(report), *QUICK])
     assert code == 0, capfd.readouterr().err
     assert out.exists()

@@ -15,7 +15,7 @@ from ...core.recorder import Recorder
 from ..shared import steps as shared
 from . import beside, steps
 from .params import Method, SoftShadowParams
-from .views import ROUND_KINDS, light_views, share_axes, too_far
+from .views import ROUND_KINDS, light_views, reaching_out_of, share_axes, too_far
 
 SMALLEST_RESOLUTION = 64
 """Texels a side of any map."""
@@ -115,6 +115,7 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers,
             if light.emitter.kind in ROUND_KINDS:
                 # Beside the window only what is close to the light counts: large, and as blurred as it.
                 resolution = max(resolution // 2, SMALLEST_RESOLUTION)
+                drawn &= _beside(outline, inner, light, casters, receivers, bool(close))
         instance = f"{light.name} {name}".strip()
         maps.append(_map(recorder, outline, params, view, drawn, resolution, instance))
         inner = view
@@ -155,6 +156,17 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers,
             steps.RECEIVERS, surface, visibility, instance=light.name, receivers=light.receivers
         )
     return visibility
+
+
+def _beside(outline, inner, light: Light, casters, receivers, close: bool) -> frozenset[int]:
+    """Casters that count beside the window of the map `inner`."""
+
+    def find() -> frozenset[int]:
+        boxes = outline.instances.boxes_of(casters)
+        out = reaching_out_of(inner, light.emitter, boxes, receivers, close)
+        return frozenset(np.array(sorted(casters))[out].tolist())
+
+    return outline.instances.memo(("beside", inner, light.emitter, casters, receivers.tobytes(), close), find)
 
 
 def _map(recorder: Recorder, outline: Outline, params, view, casters, resolution: int, name: str) -> Node:

@@ -46,6 +46,9 @@ AROUND = 12.0
 """Radii of a spot or a point that a mesh whose box is around it is taken to be away, unless rays will answer:
 their tables are about what maps of all that is close do not know."""
 
+WINDOW_EDGE = 0.02
+"""Share of a window at its edges that does not count as within it: some texels, which a map may not know."""
+
 ROUND_KINDS = (EmitterKind.SPHERE, EmitterKind.FACING_DISK)
 
 NamedView = tuple[str, View]
@@ -130,12 +133,8 @@ def _nested_views(
     emitter: Emitter, axes, casters: np.ndarray, receivers: np.ndarray, lit: float, hold_receivers: bool
 ) -> tuple[list[NamedView], list[LeftOut]]:
     """Along `axes`, of receivers within slopes of `lit`."""
-    casters = _Boxes.of(emitter, axes, casters, WIDEST_TANGENT)
+    casters = _caster_boxes(emitter, axes, casters, hold_receivers)
     receivers = _Boxes.of(emitter, axes, receivers, lit)
-    if not hold_receivers:
-        # A box around the light, as of a room or a lantern, does not say how close its mesh is.
-        away = np.where(casters.away > 0.0, casters.away, AROUND * emitter.half_width)
-        casters = replace(casters, away=away)
     whole, reason = _window(emitter, casters, receivers, lit, WIDEST_TANGENT)
     if hold_receivers and reason != "no receivers":
         whole, reason = _holding(receivers, lit, whole), ""
@@ -214,11 +213,12 @@ def share_axes(a: View, b: View) -> bool:
 
 @dataclass(frozen=True)
 class _Boxes:
-    """Boxes by their `corners` (3, 8, M) along axes from a light's centre, and how far `away` from it each
-    is (M,), metres."""
+    """Boxes by their `corners` (3, 8, M) along axes from a light's centre, how far `away` from it each is
+    (M,), metres, and its `index` (M,) among all."""
 
     corners: np.ndarray
     away: np.ndarray
+    index: np.ndarray
 
     @classmethod
     def of(cls, emitter: Emitter, axes, boxes: np.ndarray, widest: float) -> _Boxes:
@@ -238,11 +238,11 @@ class _Boxes:
         x, y, z = along[:, 0], along[:, 1], along[:, 2]
         corners = x[:, :, None, None] + y[:, None, :, None] + z[:, None, None, :]
         away = np.sqrt((np.maximum(np.maximum(edges[:, 0], -edges[:, 1]), 0.0) ** 2).sum(axis=0))
-        return cls(corners.reshape(3, 8, -1), away)
+        return cls(corners.reshape(3, 8, -1), away, np.flatnonzero(inside))
 
     def slopes(self, widest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Low and high slopes (2, M) within `widest`, least and greatest depth (2, M), and `away` (M,), of
-        those M boxes that are in front of the light and not outside."""
+        """Low and high slopes (2, M) within `widest`, least and greatest depth (2, M), and which (M,) of the
+        boxes are in front of the light and not outside."""
         depths = self.corners[2]
         edge = widest * depths
         in_front = depths.max(axis=0) > 0.0
@@ -261,22 +261,32 @@ class _Boxes:
         low = np.where(behind, np.where(least > 0.0, least / farthest, -widest), slopes.min(axis=1))
         high = np.where(behind, np.where(most < 0.0, most / farthest, widest), slopes.max(axis=1))
         low, high = (np.clip(edge, -widest, widest) for edge in (low, high))
-        return low, high, np.stack([np.maximum(nearest, 0.0), farthest]), self.away[in_front]
+        return low, high, np.stack([np.maximum(nearest, 0.0), farthest]), np.flatnonzero(in_front)
 
 
 def _window(emitter: Emitter, casters: _Boxes, receivers: _Boxes, lit: float, widest: float):
     """Window, near and far of the casters within slopes of `widest` that may shadow receivers within slopes
     of `lit`, or None; and why None."""
+    spans, reason = _spans(emitter, casters, receivers, lit, widest)
+    if spans is None:
+        return None, reason
+    low, high, near, far, _ = spans
+    return (_padded(low.min(axis=1), high.max(axis=1)), near, far * 1.001), ""
+
+
+def _spans(emitter: Emitter, casters: _Boxes, receivers: _Boxes, lit: float, widest: float):
+    """Of those casters: low and high slopes (2, M) between which each may, least and greatest depth of all,
+    and which they are (M,); or None; and why None."""
     receiver_low, receiver_high, receiver_depths, _ = receivers.slopes(lit)
     if not receiver_depths.size:
         return None, "no receivers"
     far = float(receiver_depths.max())
-    caster_low, caster_high, caster_depths, away = casters.slopes(widest)
+    caster_low, caster_high, caster_depths, which = casters.slopes(widest)
     shadowing = caster_depths[0] < far
     if not shadowing.any():
         return None, "no casters"
-    caster_low, caster_high, away = caster_low[:, shadowing], caster_high[:, shadowing], away[shadowing]
-    nearest = caster_depths[0, shadowing]
+    caster_low, caster_high, which = caster_low[:, shadowing], caster_high[:, shadowing], which[shadowing]
+    nearest, away = caster_depths[0, shadowing], casters.away[which]
     # Not quite at the nearest caster: rounding would clip one that is parallel to the light.
     near = max(0.99 * float(nearest.min()), SMALLEST_NEAR * far)
     receiver_low, receiver_high = receiver_low.min(axis=1), receiver_high.max(axis=1)
@@ -286,8 +296,35 @@ def _window(emitter: Emitter, casters: _Boxes, receivers: _Boxes, lit: float, wi
     inside = (low <= high).all(axis=0)
     if not inside.any():
         return None, "no casters"
-    low, high = low[:, inside].min(axis=1), high[:, inside].max(axis=1)
-    return (_padded(low, high), near, far * 1.001), ""
+    return (low[:, inside], high[:, inside], near, far, casters.index[which[inside]]), ""
+
+
+def reaching_out_of(
+    view: View, emitter: Emitter, casters: np.ndarray, receivers: np.ndarray, hold_receivers: bool
+) -> np.ndarray:
+    """(C,) bool: boxes (C, 2, 3) that may keep light of a spot or a point from receivers (R, 2, 3) beside the
+    window of `view`, one of `light_views`: a wider map need not draw the others."""
+    axes = view.right, view.up, view.forward
+    lit = _lit_tangent(emitter) if emitter.cos_cone > WIDEST_SPOT else FACE_TANGENT
+    boxes = _caster_boxes(emitter, axes, casters, hold_receivers)
+    spans, _ = _spans(emitter, boxes, _Boxes.of(emitter, axes, receivers, lit), lit, WIDEST_TANGENT)
+    found = np.zeros(len(casters), bool)
+    if spans is not None:
+        low, high, _, _, index = spans
+        left, right, bottom, top = view.window
+        room_x, room_y = WINDOW_EDGE * (right - left), WINDOW_EDGE * (top - bottom)
+        beside = (low[0] < left + room_x) | (high[0] > right - room_x)
+        beside |= (low[1] < bottom + room_y) | (high[1] > top - room_y)
+        found[index[beside]] = True
+    return found
+
+
+def _caster_boxes(emitter: Emitter, axes, casters: np.ndarray, hold_receivers: bool) -> _Boxes:
+    boxes = _Boxes.of(emitter, axes, casters, WIDEST_TANGENT)
+    if hold_receivers:
+        return boxes
+    # A box around the light, as of a room or a lantern, does not say how close its mesh is.
+    return replace(boxes, away=np.where(boxes.away > 0.0, boxes.away, AROUND * emitter.half_width))
 
 
 def _reach(
