@@ -37,7 +37,6 @@ from .measure.report import LayerError, NotMeasured, Report, StepTime, report_of
 from .measuring import Measuring, unless_cancelled
 
 SHOWING_SECONDS = 0.05  # between two looks at how long it still takes
-"""Of a bake that is measured; measuring takes the rest."""
 
 
 @dataclass(frozen=True)
