@@ -346,6 +346,7 @@ class BakeJob:
             errors=errors,
             warnings=[*self._warnings, *execution.warnings],
             neutral=missing,
+            order=[layer.name for layer in layers],
         )
         width, height = outline.size
         aspect = outline.pixel_aspect[0] / outline.pixel_aspect[1]

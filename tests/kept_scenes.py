@@ -51,4 +51,10 @@ KEPT: dict[str, dict] = {
         "settings": {"toon.outline": "off", "toon.halftone_anchor": "screen"},
         "size": (64, 36),
     },
+    "a neutral layer before one that the frame makes": {
+        "things": [_GROUND, {"mesh": "square", "changed": "haired"}],
+        "world": {"volume": "ShaderNodeVolumeScatter", "density": 0.05},
+        "effects": ("toon", "soft_shadow", "volumetric_light"),
+        "offset": (1e7, -1e7, 1e7),
+    },
 }

@@ -176,10 +176,12 @@ def report_of(
     antialiasing: Mapping[str, float | None] | None = None,
     memory: MemoryEstimate | None = None,
     neutral: Iterable[SequenceLayer] = (),
+    order: Sequence[str] = (),
 ) -> Report:
     """Puts a bake's figures together. By layer name: `images`, `costs` (seconds, seconds alone), `errors` of
     the layers that were to be measured, and `antialiasing` (Execution.antialiasing). `neutral` are layers
-    that the sequence has and the graph does not make."""
+    that the sequence has and the graph does not make; `order` are the names of all as the file has them,
+    which need not be the graph's."""
     layers = [
         LayerReport(
             layer.name,
@@ -194,6 +196,8 @@ def report_of(
         if layer.effect
     ]
     layers += (LayerReport(n.name, n.effect, n.light, 0.0, 0.0, 0, None, neutral=True) for n in neutral)
+    places = {name: place for place, name in enumerate(order)}
+    layers.sort(key=lambda layer: places.get(layer.name, len(places)))
     bpy = sys.modules.get("bpy")  # the Blender that this runs in, if it does; nothing here needs one
     return Report(
         strata=VERSION,
