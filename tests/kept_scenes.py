@@ -57,4 +57,14 @@ KEPT: dict[str, dict] = {
         "effects": ("toon", "soft_shadow", "volumetric_light"),
         "offset": (1e7, -1e7, 1e7),
     },
+    "rays, and a lamp of no size that touches a mesh": {
+        "things": [_GROUND],
+        "lamps": [{"type": "POINT", "at": (0, 0, 0)}],
+        "settings": {"soft_shadow.method": "hybrid"},
+    },
+    "rays, and a lamp of hardly any size that touches a mesh": {
+        "things": [_GROUND],
+        "lamps": [{"type": "POINT", "at": (0, 0, 0), "shadow_soft_size": 1e-42}],
+        "settings": {"soft_shadow.method": "hybrid"},
+    },
 }

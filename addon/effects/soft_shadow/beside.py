@@ -15,6 +15,7 @@ from ...core.view import View
 from .views import FACE_TANGENT, WIDEST_SPOT, WIDEST_TANGENT, cube_axes
 
 LOOK_RESOLUTION = 128  # texels, a side of the look around
+SMALLEST_RADIUS_M = 1e-9  # smaller lamps are points: hidden whole, or not at all
 CELLS = 32  # a side of the tables, and of the look's nearest distances
 
 
@@ -30,6 +31,8 @@ def reach_m(emitter: Emitter) -> float:
 
 def close_casters(emitter: Emitter, boxes: np.ndarray) -> np.ndarray:
     """(N,) bool: boxes (N, 2, 3) in the world that come within `reach_m`."""
+    if emitter.half_width < SMALLEST_RADIUS_M:
+        return np.zeros(len(boxes), bool)
     centre = np.array(emitter.centre)
     nearest = np.clip(centre, boxes[:, 0], boxes[:, 1])
     return np.linalg.norm(nearest - centre, axis=1) <= reach_m(emitter)
