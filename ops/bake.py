@@ -13,7 +13,7 @@ from ..addon.core.errors import Cancelled, StrataError, one_line
 from ..addon.job import Runner, run_to_end
 from ..addon.layers.exr import check_codec, write_layers
 from ..addon.layers.files import check_writable
-from ..addon.layers.images import make_images
+from ..addon.layers.images import fill_images, packed
 from ..addon.sequence import sequence_layers
 from ..addon.ui.properties import exr_of, options_of, waits_for_saving
 from ..addon.ui.registration import Classes
@@ -32,7 +32,7 @@ class STRATA_OT_bake(bpy.types.Operator):
 
     bl_idname = "strata.bake"
     bl_label = "Bake Layers"
-    bl_options = {"UNDO"}  # it makes images; REGISTER would bake again on every change in the redo panel
+    bl_options = {"UNDO"}  # it fills images; REGISTER would bake again on every change in the redo panel
 
     filepath: bpy.props.StringProperty(
         name="File Path",
@@ -101,7 +101,7 @@ class STRATA_OT_bake(bpy.types.Operator):
     def _prepare(self, context) -> BakeJob | None:
         """Reads the scene, on the main thread; None if there is nothing to bake."""
         scene = context.scene
-        self._scene_id = scene.session_uid
+        self._scene_id, self._scene_name = scene.session_uid, scene.name
         self._warnings = ()  # of the file
         self._wants_images = scene.strata.save_to != "FILE"
         self._waits = not self.filepath and waits_for_saving(scene)
@@ -125,6 +125,8 @@ class STRATA_OT_bake(bpy.types.Operator):
 
     def _write(self, baked: Baked) -> None:
         """On the worker thread: nothing of Blender may be touched here."""
+        if self._wants_images:
+            self._packed = packed(baked.layers)
         if self._path and baked.layers.layers:
             self._warnings = write_layers(self._path, baked.layers, self._exr, baked.composite)
 
@@ -135,7 +137,7 @@ class STRATA_OT_bake(bpy.types.Operator):
         for warning in self._warnings:
             self.report({"WARNING"}, warning)
         if self._wants_images:
-            make_images(baked.layers)
+            fill_images(self._scene_name, baked.layers, self._packed)
         STATE.show_plan(self._scene_id, self._job.graph, self._job.memory)
         STATE.show_report(self._scene_id, baked.layers.report)
         where = f" to {self._path}" if self._path else ""

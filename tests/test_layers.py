@@ -23,7 +23,7 @@ from strata.addon.core.naming import LONGEST, lamp_pass_name, layer_name
 from strata.addon.layers.exr import write_layers
 from strata.addon.layers.exr_params import ExrParams
 from strata.addon.layers.files import check_writable, replaced
-from strata.addon.layers.images import make_images
+from strata.addon.layers.images import fill_images, image_of, packed
 from strata.addon.measure.report import LayerError
 
 WIDTH, HEIGHT = 7, 5
@@ -290,25 +290,88 @@ def test_a_layer_of_one_value_comes_back(tmp_path, height):
         assert [part.name() for part in file.parts] == ["ViewLayer.One", "Other.Grey"]
 
 
-def test_images_are_new_and_exact():
+@pytest.fixture
+def scene():
+    bpy.ops.wm.read_homefile(use_empty=True)
+    return bpy.context.scene
+
+
+def filled(scene, *layers: Layer, view_layer: str = "ViewLayer") -> list:
+    height, width = layers[0].pixels.shape[:2]
+    made = LayerSet(layers, width, height, view_layer)
+    return fill_images(scene.name, made, packed(made))
+
+
+def rgba(image) -> np.ndarray:
+    values = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(values)
+    return values.reshape(image.size[1], image.size[0], 4)
+
+
+def test_images_are_exact_and_nobody_elses(scene):
     users = bpy.data.images.new("Soft Shadow Key", 1, 1)
-    data, colour = layer("Soft Shadow Key"), layer("Glow", "RGBA", seed=2)
-    made = make_images(layer_set(data, colour))
-    assert made[0] != users
+    data, colour, vector = (
+        layer("Soft Shadow Key"),
+        layer("Glow", "RGBA", seed=2),
+        layer("Place", "XYZ", seed=3),
+    )
+    made = filled(scene, data, colour, vector)
+    assert users not in made
     assert users.size[:] == (1, 1)
-    assert made[0].name == "Soft Shadow Key.001"
-    assert [image.is_float for image in made] == [True, True]
-    assert [image.colorspace_settings.name for image in made] == ["Non-Color", "Linear Rec.709"]
-    values = np.empty(WIDTH * HEIGHT * 4, np.float32)
-    made[0].pixels.foreach_get(values)
-    grey = values.reshape(HEIGHT, WIDTH, 4)
-    for channel in range(3):
-        np.testing.assert_array_equal(grey[:, :, channel], data.pixels)
-    np.testing.assert_array_equal(grey[:, :, 3], 1.0)
-    made[1].pixels.foreach_get(values)
-    np.testing.assert_array_equal(values.reshape(HEIGHT, WIDTH, 4), colour.pixels)
-    for image in (*made, users):
-        bpy.data.images.remove(image)
+    assert [image.name for image in made] == ["Soft Shadow Key.001", "Glow", "Place"]
+    assert [image.is_float for image in made] == [True, True, True]
+    assert [i.colorspace_settings.name for i in made] == ["Non-Color", "Linear Rec.709", "Non-Color"]
+    np.testing.assert_array_equal(rgba(made[0]), np.dstack([*[data.pixels] * 3, np.ones_like(data.pixels)]))
+    np.testing.assert_array_equal(rgba(made[1]), colour.pixels)
+    np.testing.assert_array_equal(rgba(made[2])[:, :, :3], vector.pixels)
+
+
+def test_a_later_bake_fills_the_same_images(scene):
+    first = filled(scene, layer("Key"), layer("Glow", "RGBA"))
+    texture = bpy.data.textures.new("user", "IMAGE")
+    texture.image = first[0]
+    assert rgba(first[0]).shape == (HEIGHT, WIDTH, 4)
+    wide = np.full((3, 9, 4), 0.25, np.float32)
+    again = filled(scene, Layer("Key", "RGBA", wide, "x"))
+    assert again == first[:1]
+    np.testing.assert_array_equal(rgba(texture.image), wide)
+    assert texture.image.colorspace_settings.name == "Linear Rec.709"
+    grey = filled(scene, layer("Key", seed=5))
+    assert grey == again
+    np.testing.assert_array_equal(rgba(grey[0])[:, :, 0], layer("Key", seed=5).pixels)
+    assert grey[0].colorspace_settings.name == "Non-Color"
+    assert sorted(image.name for image in bpy.data.images) == ["Glow", "Key"]
+
+
+def test_a_scene_and_a_view_layer_have_images_of_their_own(scene):
+    (first,) = filled(scene, layer("Key"))
+    (of_layer,) = filled(scene, layer("Key"), view_layer=scene.view_layers.new("Back").name)
+    (of_scene,) = filled(bpy.data.scenes.new("Night"), layer("Key"))
+    assert len({first, of_layer, of_scene}) == 3
+    assert filled(scene, layer("Key")) == [first]
+    assert image_of(scene.name, "Back", "Key") == of_layer
+    copy = first.copy()  # to keep: it has the mark too
+    assert image_of(scene.name, "ViewLayer", "Key") == first != copy
+    scene.name = "Renamed"
+    assert filled(scene, layer("Key")) == [first]
+
+
+def test_images_are_saved_with_the_file_and_undone_with_the_rest(scene, tmp_path):
+    bpy.ops.ed.undo_push(message="before")
+    for seed in (0, 1):
+        (image,) = filled(scene, layer("Key", seed=seed))
+        assert not image.is_dirty
+        bpy.ops.ed.undo_push(message="baked")
+    np.testing.assert_array_equal(rgba(image)[:, :, 0], pixels("V", 1))
+    bpy.ops.ed.undo()
+    np.testing.assert_array_equal(rgba(bpy.data.images["Key"])[:, :, 0], pixels("V", 0))
+    bpy.ops.ed.undo()
+    assert "Key" not in bpy.data.images
+    bpy.ops.ed.redo()
+    bpy.ops.ed.redo()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)
+    np.testing.assert_array_equal(rgba(bpy.data.images["Key"])[:, :, 0], pixels("V", 1))
 
 
 def test_contact_sheet_multiplies_each_light_by_its_own_shadow(tmp_path):

@@ -1,48 +1,94 @@
-"""Layers as images of the open Blender file."""
+"""Layers as images of the open Blender file: one for each layer of a scene's view layer, made by its first
+bake and filled anew by every later one.
+
+An image's pixels are an OpenEXR packed into the Blender file: so nothing waits to be saved when Blender is
+closed, and undo, which does not cover the pixels of other images reliably, brings them back with the rest.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Iterable, Iterator
+from io import BytesIO
+from typing import TYPE_CHECKING
 
 from ..core.layers import Layer, LayerSet
+from . import openexr
+from .exr import layer_attributes
 
-
-def make_images(layer_set: LayerSet) -> list:
-    """One new float `bpy.types.Image` a layer, in order.
-
-    Always new: undo does not reliably cover pixels, so a user's image of the same name is left alone and
-    Blender adds a number to ours. Data layers are Non-Color; colour is in the scene's working space.
-    """
-    return [_make_image(layer_set, layer) for layer in layer_set.layers]
-
-
-def _make_image(layer_set: LayerSet, layer: Layer):
+if TYPE_CHECKING:
     import bpy
 
-    image = bpy.data.images.new(
-        layer.name,
-        layer_set.width,
-        layer_set.height,
-        alpha=layer.channels.endswith("A"),
-        float_buffer=True,
-        is_data=not layer.is_colour,
-    )
-    if layer.is_colour:
-        image.colorspace_settings.name = layer_set.working_space
-        image.alpha_mode = "PREMUL"
-    image.pixels.foreach_set(_rgba(layer).reshape(-1))
-    image.update()
+MARK = "strata"
+"""The custom property of an image of ours: which scene, view layer and layer it is of."""
+
+
+def packed(layer_set: LayerSet) -> tuple[bytes, ...]:
+    """Each layer as the OpenEXR that its image keeps, in order. On any thread."""
+    return tuple(_packed(layer, layer_set.pixel_aspect) for layer in layer_set.layers)
+
+
+def fill_images(scene: str, layer_set: LayerSet, files: Iterable[bytes]) -> list[bpy.types.Image]:
+    """The images of a scene's layers, in order; those that are not there are made. `scene`: its name;
+    `files`: what `packed` makes of `layer_set`.
+
+    An image without our mark is somebody else's, whatever it is called: it is left alone, and Blender adds a
+    number to the name of ours. Data layers are Non-Color; colour is in the scene's working space.
+    """
+    return [_filled(scene, layer_set, *each) for each in zip(layer_set.layers, files, strict=True)]
+
+
+def image_of(scene: str, view_layer: str, layer: str) -> bpy.types.Image | None:
+    """Our image of a layer; None where there is none."""
+    wanted = {"scene": scene, "view_layer": view_layer, "layer": layer}
+    found = [image for image, mark in _marked() if mark == wanted]
+    # Of a user's copies of it the one that has its name.
+    return min(found, key=lambda image: (image.name != layer, image.name), default=None)
+
+
+def _marked() -> Iterator[tuple[bpy.types.Image, dict[str, str]]]:
+    import bpy
+
+    for image in bpy.data.images:
+        mark = image.get(MARK)
+        if image.is_editable and hasattr(mark, "to_dict"):
+            yield image, mark.to_dict()
+
+
+def _left_behind(layer: str) -> bpy.types.Image | None:
+    """An image of a scene or view layer that is no more: renamed, most likely."""
+    import bpy
+
+    for image, mark in _marked():
+        scene = bpy.data.scenes.get(mark.get("scene", ""))
+        if mark.get("layer") == layer and (scene is None or mark.get("view_layer") not in scene.view_layers):
+            return image
+    return None
+
+
+def _filled(scene: str, layer_set: LayerSet, layer: Layer, file: bytes) -> bpy.types.Image:
+    image = image_of(scene, layer_set.view_layer, layer.name) or _left_behind(layer.name) or _new(layer.name)
+    image[MARK] = {"scene": scene, "view_layer": layer_set.view_layer, "layer": layer.name}
+    image.source = "FILE"
+    image.colorspace_settings.name = layer_set.working_space if layer.is_colour else "Non-Color"
+    image.alpha_mode = "PREMUL" if layer.is_colour else "STRAIGHT"
+    image.pack(data=file, data_len=len(file))
+    image.buffers_free()  # whoever shows it reads it anew
+    image.update_tag()
     return image
 
 
-def _rgba(layer: Layer) -> np.ndarray:
-    """(height, width, 4) float32: one channel is spread to grey, missing ones are 0, alpha 1."""
-    height, width = layer.pixels.shape[:2]
-    rgba = np.zeros((height, width, 4), np.float32)
-    rgba[:, :, 3] = 1.0
-    if layer.pixels.ndim == 2:
-        rgba[:, :, :3] = layer.pixels[:, :, None]
-    else:
-        count = min(layer.pixels.shape[2], 4)
-        rgba[:, :, :count] = layer.pixels[:, :, :count]
-    return rgba
+def _new(name: str) -> bpy.types.Image:
+    import bpy
+
+    image = bpy.data.images.new(name, 1, 1, float_buffer=True)
+    image.use_fake_user = True  # Blender saves no image that nobody uses
+    return image
+
+
+def _packed(layer: Layer, pixel_aspect: float) -> bytes:
+    """One channel is Y, which Blender spreads to grey; more are R, G, B, A in order, whatever they mean."""
+    names = "Y" if len(layer.channels) == 1 else "RGBA"
+    planes = {name: plane[::-1] for name, (_, plane) in zip(names, layer.planes(), strict=False)}
+    stream = BytesIO()
+    openexr.write_parts(stream, [openexr.Part("", planes, layer_attributes(layer), pixel_aspect)])
+    return stream.getvalue()

@@ -209,9 +209,9 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
             name="Save To",
             description="What a bake makes of its layers",
             items=[
-                ("IMAGES", "Images", "A new image of this file for each layer", 0),
+                ("IMAGES", "Images", "An image of this file for each layer, filled anew by every bake", 0),
                 ("FILE", "File", "A multilayer OpenEXR file", 1),
-                ("BOTH", "Both", "New images, and a multilayer OpenEXR file", 2),
+                ("BOTH", "Both", "Images of this file, and a multilayer OpenEXR file", 2),
             ],
             default="BOTH",
         ),
