@@ -67,4 +67,9 @@ KEPT: dict[str, dict] = {
         "lamps": [{"type": "POINT", "at": (0, 0, 0), "shadow_soft_size": 1e-42}],
         "settings": {"soft_shadow.method": "hybrid"},
     },
+    "a sun's map of a size beyond single precision": {
+        "things": [_GROUND, {"mesh": "3e38"}],
+        "lamps": [{"type": "SUN"}],
+        "backend": "gpu",
+    },
 }

@@ -292,7 +292,8 @@ class GpuDevice:
             values = np.zeros((len(shader.params), 4), np.float32)
             for row, name in zip(values, shader.params, strict=True):
                 value = tuple(params[name])
-                row[: len(value)] = value
+                with np.errstate(over="ignore"):  # what single precision does not hold is infinite there
+                    row[: len(value)] = value
             block = self._gpu.types.GPUUniformBuf(values)
             program.uniform_block("params", block)
         for name, _kind in shader.samplers:
