@@ -384,3 +384,19 @@ def test_modifiers_that_edit_mode_leaves_out_are_told(scene, modifier):
     bpy.ops.object.mode_set(mode="OBJECT")
     outline, _ = read(scene)
     assert not outline.warnings
+
+
+def test_levels_that_only_sculpting_has_are_told_in_a_viewport(scene):
+    thing = cube("Cube")
+    thing.modifiers.new("Levels", "MULTIRES")
+    bpy.ops.object.multires_subdivide(modifier="Levels")
+    bpy.ops.object.mode_set(mode="SCULPT")
+    shown = scan(bpy.context.evaluated_depsgraph_get()).outline
+    baked, _ = read(scene)
+    triangles = [sum(mesh.triangles for mesh in outline.meshes) for outline in (shown, baked)]
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert triangles == [12, 48]
+    assert shown.warnings == (
+        "object 'Cube' is in Sculpt Mode: the preview shows it without 'Levels', a bake shows it",
+    )
+    assert not baked.warnings

@@ -26,3 +26,11 @@ def unseen_modifiers(original: bpy.types.Object, is_render: bool) -> list[str]:
         if (modifier.show_render if is_render else modifier.show_viewport)
         and (not modifier.show_in_editmode or modifier.type in _NEVER_IN_EDIT_MODE)
     ]
+
+
+def sculpted_modifiers(original: bpy.types.Object) -> list[str]:
+    """Names of the modifiers that a viewport's mesh lacks in Sculpt Mode: Blender keeps the brush's levels
+    apart until it is left, or rendered."""
+    if original.mode != "SCULPT":
+        return []
+    return [m.name for m in original.modifiers if m.type == "MULTIRES" and m.show_viewport]

@@ -12,7 +12,7 @@ import numpy as np
 from ..core.errors import StrataError
 from ..core.outline import Bounds, Camera, Instance, Light, Material, Mesh, Outline
 from .cameras import camera_of, camera_warnings, frame_size_of, pixel_filter_of, region_of
-from .edit_mode import edited_mesh, is_edited, unseen_modifiers
+from .edit_mode import edited_mesh, is_edited, sculpted_modifiers, unseen_modifiers
 from .lamp_names import LampNames
 from .light_linking import linked_objects
 from .lights import light_of
@@ -194,6 +194,12 @@ class _Scanner:
 
     def _mesh_of(self, shown: bpy.types.Object) -> bpy.types.Mesh:
         if not is_edited(shown):
+            if self.depsgraph.mode == "VIEWPORT":
+                for name in sculpted_modifiers(shown.original):
+                    self._warn(
+                        f"object '{shown.name}' is in Sculpt Mode: the preview shows it without '{name}', "
+                        "a bake shows it"
+                    )
             return shown.data
         original = shown.original
         if original.session_uid not in self.edited_meshes:
