@@ -5,6 +5,7 @@ Only for developers' demos (needs Pillow, which Blender does not carry); the ext
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,7 +13,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 from strata.addon.core.layers import Layer, LayerSet
-from strata.addon.measure.report import NotMeasured, error_of
+from strata.addon.measure.report import NotMeasured, error_of, words_of
+from strata.addon.measure.verdict import advice, between, percent
 
 WIDTH, MARGIN, GAP = 1600, 48, 28
 BACKGROUND, PANEL, TEXT, QUIET, ACCENT = "#15171c", "#1d2027", "#eceef2", "#9aa3b2", "#f2b261"
@@ -83,6 +85,7 @@ def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[int, np.
     caption = 96
     rows = -(-len(layer_set.layers) // columns)
     notes = _notes(layer_set.report)
+    lowered_by = {entry["name"]: entry.get("lowered_by", ()) for entry in layer_set.report.get("layers", ())}
     grid_top = 132 + hero_size[1] + GAP
     notes_top = grid_top + rows * (tile_size[1] + caption + GAP)
     sheet = Image.new("RGB", (WIDTH, notes_top + 30 * len(notes) + MARGIN), BACKGROUND)
@@ -94,13 +97,13 @@ def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[int, np.
     for index, layer in enumerate(layer_set.layers):
         x = MARGIN + (index % columns) * (tile_width + GAP)
         y = grid_top + (index // columns) * (tile_size[1] + caption + GAP)
-        _draw_tile(sheet, draw, layer, (x, y), tile_size, caption)
+        _draw_tile(sheet, draw, layer, (x, y), tile_size, caption, lowered_by.get(layer.name, ()))
     for index, note in enumerate(notes):
         draw.text((MARGIN, notes_top + 30 * index), note, QUIET, label_font(17))
     sheet.save(path)
 
 
-def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int) -> None:
+def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int, lowered_by: Sequence[str]) -> None:
     (x, y), (width, height) = corner, size
     draw.rectangle((x, y, x + width - 1, y + height + caption - 1), PANEL)
     sheet.paste(as_picture(layer).resize(size, Image.Resampling.LANCZOS), corner)
@@ -108,22 +111,22 @@ def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int) -> None:
     draw.text((x + 16, y + height + 12), _fitted(draw, layer.name, title, width - 130), TEXT, title)
     seconds = f"{layer.seconds:.2f} s"
     draw.text((x + width - 16, y + height + 13), seconds, ACCENT, label_font(20), anchor="ra")
-    for line, text in enumerate(error_lines(layer.error)):
+    for line, text in enumerate(error_lines(layer.error, lowered_by)):
         font = label_font(16)
         text = _fitted(draw, text, font, width - 32)
         draw.text((x + 16, y + height + 44 + 22 * line), text, ACCENT if not line else QUIET, font)
 
 
-def error_lines(error: dict) -> tuple[str, str]:
-    """The two caption lines: value with its interval, and how it was measured."""
+def error_lines(error: dict, lowered_by: Sequence[str] = ()) -> tuple[str, str]:
+    """The two caption lines: the error with its interval and how much of it is to be seen; what lowers it, or
+    how it was measured."""
     found = error_of(error)
     if found is None:
         return "error not measured", ""
     if isinstance(found, NotMeasured):
         return "error not measured", found.why
-    low, high = found.ci95
-    value = f"{found.metric} {found.value:.4f}  (95%: {low:.4f} to {high:.4f})"
-    return value, f"{found.probes} probes · {found.reference}"
+    value = f"error {percent(found.value)}, {words_of(found)}  (95%: {between(*found.ci95)})"
+    return value, advice(lowered_by) or f"{found.probes} probes · {found.reference}"
 
 
 def _fitted(draw, text: str, font, width: int) -> str:

@@ -86,14 +86,17 @@ def test_json_has_the_documented_keys():
     assert document["left_out"] == [{"what": "soft_shadow Rim", "reason": "reaches nothing in view"}]
     assert document["warnings"] == ["twice", "once"]
     key, fill = document["layers"]
-    assert list(key) == ["name", "effect", "light", "seconds", "seconds_alone", "non_finite", "error"]
+    assert list(key) == [
+        "name", "effect", "light", "seconds", "seconds_alone", "non_finite", "error", "verdict", "lowered_by",
+    ]  # fmt: skip
+    assert (key["verdict"], key["lowered_by"]) == ("fine", [])
     assert key["error"] == {
         "metric": "weighted rmse", "value": 0.0112346, "ci95": [0.0101, 0.0122], "bias": -0.001, "p99": 0.05,
         "max": 0.21, "probes": 2048, "reference": "ray traced, 2 x 128 rays", "reference_noise": 0.001,
         "seconds": 0.4,
     }  # fmt: skip
     assert (key["non_finite"], fill["non_finite"]) == (0, 2)
-    assert "error" not in fill
+    assert {"error", "verdict", "lowered_by"}.isdisjoint(fill)
 
 
 def test_antialiasing_is_reported_where_there_are_samples():
@@ -131,7 +134,7 @@ def test_peak_memory_grows_with_use():
 def test_table_says_what_a_person_asks():
     text = format_table(report())
     assert "court.blend, frame 7, 960 x 540" in text
-    assert re.search(r"Soft Shadow Key +0\.40 +0\.0112 +0\.0101 to 0\.0122 +0\.050 +0\.210", text)
+    assert re.search(r"Soft Shadow Key +0\.40 +1\.1% +1\.0% to 1\.2% +fine +5\.0% +21% +weighted rmse", text)
     assert re.search(r"Soft Shadow Fill +0\.30 +not measured +2 values are not finite", text)
     assert re.search(r"layered_depth +Key +cpu +0\.200", text)
     assert "soft_shadow Rim: reaches nothing in view" in text

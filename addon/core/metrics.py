@@ -12,6 +12,10 @@ NEGLIGIBLE_WEIGHT = 0.01
 """Quantiles look at pixels whose weight is above this share of the mean weight: what is nearly unlit may be
 wrong, but nobody sees it."""
 
+WRONG = 1.0 / 8.0
+"""A pixel of a mask is wrong if it is off by more than this: eight of the 64 rays that it is compared with,
+twice the standard deviation of their mean even where they fall as they like."""
+
 
 def _together(*arrays) -> list[np.ndarray]:
     return [np.asarray(array, np.float64).reshape(-1) for array in arrays]

@@ -144,6 +144,15 @@ class Params:
         """Parameters for a frame of about `share` of the work, while something moves in a preview."""
         return self
 
+    def finer(self) -> tuple[str, ...]:
+        """Settings that lower the error from here on, most useful first: the name of one to raise, or
+        `name=value`."""
+        return tuple(
+            spec.name
+            for spec in self.specs()
+            if spec.trades_time and (spec.hard is None or getattr(self, spec.name) < spec.hard[1])
+        )
+
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}

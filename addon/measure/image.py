@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.effect import Metric
-from ..core.metrics import maximum, quantile
+from ..core.metrics import WRONG, maximum, quantile
 from ..core.random import hash_bits
 from ..core.view_rays import ViewRays
 from .difficulty import KIND_BITS, Difficulty, largest_nearby, near_jumps
@@ -31,9 +31,6 @@ SUPERSAMPLES = 64
 
 SLIGHT = 0.01  # of a radiance, what `share_off_by_1_percent` counts from
 NEARLY_BLACK = 0.01  # of a layer's mean: less light than this counts as this when errors are compared with it
-WRONG = 1.0 / 8.0
-"""A pixel of a mask is wrong if it is off by more than this: eight of the 64 rays, twice the standard
-deviation of their mean even where they fall as they like."""
 
 CHANGING = 4.0  # how much more likely errors are where the layer's values change nearby
 

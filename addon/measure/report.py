@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from ..core.graph import Graph
+from ..core.graph import Graph, PlannedLayer
 from ..core.memory import MemoryEstimate
 from ..core.outline import Outline
 from ..core.sequence import SequenceLayer
 from ..core.version import VERSION
 from .table import columns, heading, wrapped
+from .verdict import Verdict, advice, between, lowered_by, percent, worded
 
 SIGNIFICANT_DIGITS = 6
 STEPS_SHOWN = 10
@@ -66,6 +67,11 @@ class LayerError:
         return {key: item for key, item in plain.items() if item is not None}
 
 
+def words_of(error: LayerError) -> str:
+    """How much of it is to be seen (verdict.py): `fine`, or `fine, perhaps visible`."""
+    return worded(error.metric, error.value, error.ci95[1])
+
+
 @dataclass(frozen=True)
 class NotMeasured:
     """In place of a layer's error: `why` measuring it failed, one line. The layer itself is whole."""
@@ -90,7 +96,8 @@ def error_of(entry: Mapping[str, Any] | None) -> LayerError | NotMeasured | None
 class LayerReport:
     """One layer. `seconds` are its own steps', `seconds_alone` what baking only it would have cost;
     `antialiasing`: RMS standard error of its pixels (core/metrics.py), None for one sample a pixel;
-    `neutral`: the frame does not need it, but others of the sequence do."""
+    `neutral`: the frame does not need it, but others of the sequence do; `lowered_by`: settings that lower a
+    measured error, where it may be seen (verdict.py)."""
 
     name: str
     effect: str
@@ -101,6 +108,12 @@ class LayerReport:
     error: LayerError | NotMeasured | None
     antialiasing: float | None = None
     neutral: bool = False
+    lowered_by: tuple[str, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """Of a measured error, in words; empty for others."""
+        return words_of(self.error) if isinstance(self.error, LayerError) else ""
 
     def to_json(self) -> dict[str, Any]:
         plain = {key: rounded(item) if isinstance(item, float) else item for key, item in vars(self).items()}
@@ -112,6 +125,9 @@ class LayerReport:
             del plain["antialiasing"]
         if not self.neutral:
             del plain["neutral"]
+        del plain["lowered_by"]
+        if self.verdict:
+            plain |= {"verdict": self.verdict, "lowered_by": list(self.lowered_by)}
         return plain
 
 
@@ -191,6 +207,7 @@ def report_of(
             _non_finite(images[layer.name]),
             errors.get(layer.name),
             (antialiasing or {}).get(layer.name),
+            lowered_by=_lowered_by(layer, errors.get(layer.name), outline),
         )
         for layer in graph.layers
         if layer.effect
@@ -217,6 +234,18 @@ def report_of(
         warnings=tuple(dict.fromkeys(warnings)),
         memory=memory,
     )
+
+
+def _lowered_by(
+    layer: PlannedLayer, error: LayerError | NotMeasured | None, outline: Outline
+) -> tuple[str, ...]:
+    """Nothing where there is nothing to be seen."""
+    if not isinstance(error, LayerError) or words_of(error) == Verdict.INVISIBLE.value:
+        return ()
+    params = layer.params
+    if params is not None and layer.light_index is not None:
+        params = outline.lights[layer.light_index].params_for(layer.effect, params)
+    return lowered_by(error.metric, params)
 
 
 def _non_finite(image: np.ndarray) -> int:
@@ -254,9 +283,10 @@ def format_table(report: Report) -> str:
         *([report.memory.sentence.replace("memory: ", "memory   ")] if report.memory else []),
         "",
         *columns(
-            ["layer", "seconds", "error", "95% interval", "99% below", "max", "metric"], _layer_rows(report)
+            ["layer", "seconds", "error", "95% interval", "to an eye", "99% up to", "max", "metric"],
+            _layer_rows(report),
         ),
-        *[line for layer in report.layers for line in _why_not_measured(layer)],
+        *[line for layer in report.layers for line in _notes(layer)],
         "",
         *columns(["step", "for", "device", "seconds"], _step_rows(report)),
     ]
@@ -278,22 +308,22 @@ def _layer_rows(report: Report) -> list[list[str]]:
     for layer in report.layers:
         row = [layer.name, f"{layer.seconds:.2f}"]
         if not isinstance(layer.error, LayerError):
-            row += ["neutral" if layer.neutral else "not measured", "", "", "", ""]
+            row += ["neutral" if layer.neutral else "not measured", "", "", "", "", ""]
         else:
             error = layer.error
-            low, high = error.ci95
-            row += [f"{error.value:.4f}", f"{low:.4f} to {high:.4f}", f"{error.p99:.3f}", f"{error.max:.3f}"]
-            row.append(error.metric)
+            row += [percent(error.value), between(*error.ci95), layer.verdict]
+            row += [percent(error.p99), percent(error.max), error.metric]
         if layer.non_finite:
             row[-1] = f"{row[-1]}; {layer.non_finite} values are not finite".lstrip("; ")
         rows.append(row)
     return rows
 
 
-def _why_not_measured(layer: LayerReport) -> list[str]:
-    if not isinstance(layer.error, NotMeasured):
-        return []
-    return wrapped(layer.error.why, f"  {layer.name} is not measured: ")
+def _notes(layer: LayerReport) -> list[str]:
+    if isinstance(layer.error, NotMeasured):
+        return wrapped(layer.error.why, f"  {layer.name} is not measured: ")
+    lower = advice(layer.lowered_by)
+    return wrapped(lower, f"  {layer.name}: ") if lower else []
 
 
 def _step_rows(report: Report) -> list[list[str]]:

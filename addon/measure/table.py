@@ -59,6 +59,7 @@ def columns(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _is_number(text: str) -> bool:
+    text = text.removeprefix("below ").removesuffix("%")
     return text.replace(".", "", 1).replace("-", "", 1).isdigit()
 
 

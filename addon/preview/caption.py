@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import blf
 
+from ..measure.verdict import Verdict, advice, percent, verdict
 from .viewport import Statistics
 
 FONT, SIZE, LINE, MARGIN = 0, 11, 16, 12
@@ -11,7 +12,7 @@ COLOUR, SHADOW = (1.0, 1.0, 1.0, 0.9), (0.0, 0.0, 0.0, 0.8)
 
 
 def lines(statistics: Statistics) -> list[str]:
-    """What is on screen, what it cost, how wrong it may be."""
+    """What is on screen, what it cost, how noisy it is."""
     if statistics.message:
         return [f"Strata: {statistics.message}"]
     if statistics.samples:
@@ -20,9 +21,19 @@ def lines(statistics: Statistics) -> list[str]:
     else:
         first = f"{statistics.frame_ms:.0f} ms, 1/{round(1.0 / statistics.scale)} resolution"
     found = [f"Strata: {first}"]
-    if statistics.error is not None:
-        found.append(f"estimated error {100.0 * statistics.error:.1f}%")
+    if statistics.noise is not None:
+        found.append(_told_noise(statistics))
     return found
+
+
+def _told_noise(statistics: Statistics) -> str:
+    """How much, how much of it is to be seen, and what takes it away. A picture that is still being refined
+    gets better by itself."""
+    found = verdict(statistics.noise)
+    words = f"noise {percent(statistics.noise)}, {found.value}"
+    if statistics.is_converged and found is not Verdict.INVISIBLE:
+        words += f": {advice(('samples',))}"
+    return words
 
 
 def draw(statistics: Statistics, height: int, scale: float, left: int) -> None:

@@ -17,7 +17,7 @@ from ..core.sampling import Sampling
 from ..core.surface import Chunk
 from ..scene.viewport import Placement
 from .budget import Budget
-from .estimate import resolution_error, sampling_error
+from .estimate import resolution_noise, sampling_noise
 from .session import Session
 
 STILL_SECONDS = 0.2
@@ -33,7 +33,8 @@ _epochs = count(1)
 class Statistics:
     """Of what a viewport shows. `frame_ms`: from the change to the picture. `steps`: milliseconds and runs by
     step and instance, of the last frame, or of the refinement so far. `ran`: how many nodes that were.
-    `error`: estimated distance to the converged picture, relative to its brightness (`estimate.py`);
+    `noise`: estimated distance to a picture of any number of samples, as a share of its brightness
+    (`estimate.py`);
     `message` stands for a picture where there is none, and `has_failed` says that it ought to be there;
     `layers` names what could be shown."""
 
@@ -42,7 +43,7 @@ class Statistics:
     map_share: float = 1.0
     samples: int = 0
     of_samples: int = 0
-    error: float | None = None
+    noise: float | None = None
     is_converged: bool = False
     ran: int = 0
     steps: dict[tuple[str, str], tuple[float, int]] = field(default_factory=dict)
@@ -158,7 +159,7 @@ class Viewport:
         statistics = self.statistics
         statistics.scale, statistics.map_share = scale, map_share
         statistics.of_samples = options.samples
-        statistics.error = resolution_error(value) if device.name == "cpu" else None
+        statistics.noise = resolution_noise(value) if device.name == "cpu" else None
         costs = [0.0, 0.0]
         for timing in execution.timings.values():
             costs[timing.node.per_surface] += 1e3 * timing.seconds
@@ -230,7 +231,7 @@ class Viewport:
                 self.picture = Picture(total / np.float32(samples), place, len(layer.channels) > 1)
                 self._count(execution, started)
                 self.statistics.samples, self.statistics.of_samples = samples, options.samples
-                self.statistics.error = sampling_error(total, squares, samples, options.samples)
+                self.statistics.noise = sampling_noise(total, squares, samples, options.samples)
                 self.statistics.is_converged = samples == options.samples
             yield
         return graph

@@ -13,7 +13,8 @@ from ..core.params import ParamSpec
 from ..core.ramp import Ramp
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
-from ..measure.report import LayerError, NotMeasured, error_of
+from ..measure.report import LayerError, NotMeasured, error_of, words_of
+from ..measure.verdict import advice, between, percent
 from ..scene.own_settings import own_specs
 from . import plot
 from .properties import waits_for_saving
@@ -259,15 +260,16 @@ def result(layout: bpy.types.UILayout, context) -> None:
 def _layer_result(layout: bpy.types.UILayout, context, layer: dict, numbers: dict[str, int]) -> None:
     name, error = layer["name"], error_of(layer.get("error"))
     icon = plot.dot_icon(numbers[name]) if name in numbers else 0
-    shown = f"{error.value:.4f}" if isinstance(error, LayerError) else ""
+    shown = percent(error.value) if isinstance(error, LayerError) else ""
     _result_row(layout, icon, layer.get("light") or name, shown, f"{layer['seconds']:.2f} s")
     if isinstance(error, NotMeasured):
         text(layout, context, f"not measured: {error.why}", "ERROR")
     elif error:
-        low, high = error.ci95
-        row = layout.row()
-        row.active, row.scale_y = False, 0.7
-        row.label(text=f"95% sure: {low:.4f} to {high:.4f}", icon="BLANK1")
+        column = layout.column()
+        column.active = False
+        text(column, context, f"{words_of(error)} (95% sure: {between(*error.ci95)})", "BLANK1")
+        if lower := advice(layer.get("lowered_by", ())):
+            text(column, context, lower, "BLANK1")
 
 
 def _result_row(layout, icon: int, name: str, error: str, seconds: str, is_active: bool = True) -> None:
@@ -294,9 +296,9 @@ def error_plot(layout: bpy.types.UILayout, context) -> None:
     scene = context.scene.session_uid
     across, up = plot.ranges(list(STATE.marks[scene].values()))
     column = layout.column(align=True)
-    _ends(column, f"error {up[1]:.2g}", "")
+    _ends(column, f"error {100.0 * up[1]:.2g}%", "")
     column.template_icon(icon_value=plot.plot_icon(scene), scale=9.0)
-    _ends(column, f"{up[0]:.2g}", "")
+    _ends(column, f"{100.0 * up[0]:.2g}%", "")
     _ends(column, f"{across[0]:.2g} s", f"{across[1]:.2g} s")
 
 

@@ -70,7 +70,7 @@ def settled(preview, region):
     while time.perf_counter() < started + 120.0:
         state = preview.state_of(region)
         if state and state.samples and (not shown or shown[-1][1] != state.samples):
-            shown.append((time.perf_counter() - started, state.samples, state.error))
+            shown.append((time.perf_counter() - started, state.samples, state.noise))
         if state and state.is_converged:
             return shown
         yield 0.01
@@ -146,7 +146,7 @@ def person(found):
             "scale": state.scale,
             "map_share": state.map_share,
             "nodes": state.ran,
-            "error": state.error,
+            "error": state.noise,
         }
         found["lights"][name]["still"] = yield from settled(preview, region)
         yield 2.0

@@ -77,6 +77,15 @@ class SoftShadowParams(Params):
         "what is closest to a spot or a point; 0: none",
     )
 
+    def finer(self) -> tuple[str, ...]:
+        """Rays first, which no map equals; only they read `rays`."""
+        finer = [name for name in super().finer() if name != "rays" or self.method == Method.HYBRID]
+        if self.method != Method.HYBRID:
+            finer.insert(0, "method=hybrid")
+        if self.spacing > 1:
+            finer.insert(0, "spacing=1")
+        return tuple(finer)
+
     def lighter(self, share: float) -> SoftShadowParams:
         """Smaller maps, fewer texels of them a point, fewer points, and no rays: a hierarchy for those takes
         longer than a frame to build."""

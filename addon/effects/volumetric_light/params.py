@@ -76,6 +76,11 @@ class VolumetricLightParams(Params):
         doc="Quadrature nodes for every factor e² of distance or e⁶ of extinction",
     )
 
+    def finer(self) -> tuple[str, ...]:
+        """Where a coarser image is evaluated, edges err most."""
+        coarse = () if self.scale == Scale.FULL else ("scale=1",)
+        return (*coarse, *super().finer())
+
     def lighter(self, share: float) -> VolumetricLightParams:
         """Fewer points of each light, each of which has its maps, smaller maps, and one ray for four
         pixels."""

@@ -1,0 +1,79 @@
+"""What an error means to an eye, in words; the same in the viewport, the panel, the table and the sheet.
+
+One rule for all: root mean square differences, as shares of the brightness there. A picture of 8 bits rounds
+its middle grey by up to half a step of 1.9%: 0.55% root mean square. What is less than that is lost in the
+file that anybody looks at. An eye tells two patches from each other that differ by one or two percent
+(Weber's law), which is that one step: up to there an error shows only side by side.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+
+from ..core.effect import Metric
+from ..core.metrics import WRONG
+from ..core.params import Params
+
+INVISIBLE_UP_TO = 0.005
+FINE_UP_TO = 0.02
+LEAST_SHOWN = 0.001
+MOST_SETTINGS = 3  # named in one piece of advice
+
+
+class Verdict(Enum):
+    """How much of an error is to be seen."""
+
+    INVISIBLE = "invisible"
+    FINE = "fine"
+    VISIBLE = "visible"
+
+
+def verdict(rms: float) -> Verdict:
+    """Of a root mean square difference, as a share of the brightness."""
+    if rms <= INVISIBLE_UP_TO:
+        return Verdict.INVISIBLE
+    return Verdict.FINE if rms <= FINE_UP_TO else Verdict.VISIBLE
+
+
+def verdict_of(metric: str, value: float) -> Verdict:
+    """Of a layer's error. A share of wrong pixels is as much as if each were off by just what makes it
+    wrong."""
+    return verdict(math.sqrt(value) * WRONG if metric == Metric.WRONG_SHARE.value else value)
+
+
+def worded(metric: str, value: float, high: float) -> str:
+    """`fine`; `fine, perhaps visible` where the interval reaches up to `high`."""
+    found, worst = verdict_of(metric, value), verdict_of(metric, high)
+    return found.value if worst == found else f"{found.value}, perhaps {worst.value}"
+
+
+def lowered_by(metric: str, params: Params | None) -> tuple[str, ...]:
+    """Settings that lower a layer's error, most useful first, as `--set` and `--samples` know them: a name,
+    or `name=value` for a choice. A mask is scored as the finished image, so samples count there; all others
+    at the points of one sample."""
+    if metric == Metric.WRONG_SHARE.value:
+        return ("samples",)
+    return params.finer() if params is not None else ()
+
+
+def advice(settings: tuple[str, ...] | list[str]) -> str:
+    """`lower it with method hybrid, resolution`; empty where nothing does."""
+    if not settings:
+        return ""
+    words = [name.replace("=", " ").replace("_", " ") for name in settings[:MOST_SETTINGS]]
+    return f"lower it with {', '.join(words)}"
+
+
+def percent(share: float) -> str:
+    """For a person: `12%`, `1.2%`, `below 0.1%`. Never nothing, since no more than that is known."""
+    if share < LEAST_SHOWN:
+        return f"below {100.0 * LEAST_SHOWN:g}%"
+    return f"{100.0 * share:.1f}%" if share < 0.0995 else f"{100.0 * share:.0f}%"
+
+
+def between(low: float, high: float) -> str:
+    """`1.1% to 1.3%`, for a person."""
+    if high < LEAST_SHOWN:
+        return percent(high)
+    return f"{percent(low) if low >= LEAST_SHOWN else '0%'} to {percent(high)}"
