@@ -7,8 +7,15 @@ import blf
 from ..measure.verdict import Verdict, advice, percent, verdict
 from .viewport import Statistics
 
-FONT, SIZE, LINE, MARGIN = 0, 11, 16, 12
+FONT = 0
 COLOUR, SHADOW = (1.0, 1.0, 1.0, 0.9), (0.0, 0.0, 0.0, 0.8)
+WIDGET_UNIT = 20.0  # pixels at an interface scale of 1
+LINE = 1.6  # of a font's points: Blender's own distance of lines here
+# What Blender writes there takes so many lines at most. Room is kept for all of them, so that the text stays
+# where it is when another object is selected, or an engine has nothing to say.
+STATISTICS = 5.6  # five rows and the gap above
+GAP = 0.4  # between Blender's lines and these
+ENGINE = {"BLENDER_EEVEE": 2.0}  # what it compiles, and what it lacks; others have one line
 
 
 def lines(statistics: Statistics) -> list[str]:
@@ -36,15 +43,63 @@ def _told_noise(statistics: Statistics) -> str:
     return words
 
 
-def draw(statistics: Statistics, height: int, scale: float, left: int) -> None:
-    """Below the top left corner of a region, `left` pixels in; `scale` is the interface's."""
-    blf.size(FONT, SIZE * scale)
+def lines_above(space, region_3d, view, engine: str, is_playing: bool) -> float:
+    """How many lines of Blender's own text stand in the corner of a 3D View (view3d_draw.cc,
+    `view3d_draw_region_info`). `view`: the preferences of that name; `engine` the scene's."""
+    overlay, found = space.overlay, 0.0
+    if not overlay.show_overlays:
+        return found
+    if overlay.show_text:
+        found += view.show_view_name or (view.show_playback_fps and is_playing)
+        found += view.show_object_info
+        shows_grid = overlay.show_floor or overlay.show_axis_x or overlay.show_axis_y or overlay.show_axis_z
+        found += shows_grid and region_3d.is_orthographic_side_view  # the unit of its squares
+        if space.shading.type in ("MATERIAL", "RENDERED"):
+            drawn_by = engine if space.shading.type == "RENDERED" else "BLENDER_EEVEE"
+            found += ENGINE.get(drawn_by, 1.0)
+    found += STATISTICS * overlay.show_stats
+    return found + GAP if found else 0.0
+
+
+def free_corner(region, others) -> tuple[int, int]:
+    """The top left of what is free of a region, in its pixels: headers and the toolbar lie over it."""
+    left, top = 0, region.height
+    for other in others:
+        is_over = (
+            other.width > 1
+            and other.height > 1
+            and other.x < region.x + region.width
+            and other.x + other.width > region.x
+            and other.y < region.y + region.height
+            and other.y + other.height > region.y
+        )
+        if is_over and other.type in ("HEADER", "TOOL_HEADER") and other.alignment == "TOP":
+            top = min(top, other.y - region.y)
+        if is_over and other.type == "TOOLS" and other.alignment == "LEFT":
+            left = max(left, other.x + other.width - region.x)
+    return left, top
+
+
+def draw(statistics: Statistics, context) -> None:
+    """Into the region at hand, below what Blender writes there, and as large."""
+    preferences, region = context.preferences, context.region
+    scale, points = preferences.system.ui_scale, preferences.ui_styles[0].widget.points
+    is_playing = any(window.screen.is_animation_playing for window in context.window_manager.windows)
+    above = lines_above(
+        context.space_data,
+        context.region_data,
+        preferences.view,
+        context.scene.render.engine,
+        is_playing,
+    )
+    left, top = free_corner(region, context.area.regions)
+    x, y = left + 0.5 * WIDGET_UNIT * scale, top - 0.1 * WIDGET_UNIT * scale - above * LINE * points * scale
+    blf.size(FONT, points * scale)
     blf.enable(FONT, blf.SHADOW)
     blf.shadow(FONT, 3, *SHADOW)
     blf.color(FONT, *COLOUR)
-    y = height - 2.0 * (MARGIN + LINE) * scale
     for text in lines(statistics):
-        y -= LINE * scale
-        blf.position(FONT, left + MARGIN * scale, y, 0.0)
+        y -= LINE * points * scale
+        blf.position(FONT, x, y, 0.0)
         blf.draw(FONT, text)
     blf.disable(FONT, blf.SHADOW)

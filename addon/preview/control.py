@@ -252,8 +252,7 @@ def _draw_text() -> None:
     if context.scene is None or statistics is None:
         return
     if statistics.has_failed or context.scene.strata.preview.show_statistics:
-        toolbar = next((r.width for r in context.area.regions if r.type == "TOOLS"), 0)
-        caption.draw(statistics, context.region.height, context.preferences.system.ui_scale, toolbar)
+        caption.draw(statistics, context)
 
 
 def _asked(scene: bpy.types.Scene, region: bpy.types.Region, region_3d: bpy.types.RegionView3D) -> tuple:
