@@ -67,7 +67,8 @@ def _effects(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts)
         print(f"{effect.id} ({default} by default): {effect.doc}", file=out)
         for spec in effect.params.specs():
             print(f"  {effect.id}.{spec.name} = {plain(spec.default)}  {_accepts(spec)}", file=out)
-            print(f"      {spec.doc}", file=out)
+            used_when = spec.used_when.words()
+            print(f"      {spec.doc}{f'. Counts where {used_when}' if used_when else ''}", file=out)
     return OK
 
 
@@ -87,6 +88,7 @@ def describe(effect: Effect) -> dict[str, Any]:
             "soft": spec.soft,
             "unit": spec.unit,
             "trades_time": spec.trades_time,
+            "used_when": spec.used_when.words(),
             "doc": spec.doc,
         }
         for spec in effect.params.specs()

@@ -6,7 +6,7 @@ import bpy
 
 from ..addon.core.ramp import Ramp
 from ..addon.effects.registry import EFFECTS
-from ..addon.ui.properties import fill_ramp, title
+from ..addon.ui.properties import fill_ramp
 from ..addon.ui.registration import Classes
 from .reported import reported
 
@@ -29,7 +29,7 @@ class STRATA_OT_new_ramp(bpy.types.Operator):
         except (ValueError, StopIteration):
             self.report({"ERROR"}, f"no ramp at {self.path}.{self.name}")
             return {"CANCELLED"}
-        texture = bpy.data.textures.new(title(f"{spec.name} of strata"), "NONE")
+        texture = bpy.data.textures.new(f"{spec.label} of Strata", "NONE")
         texture.use_color_ramp = True
         fill_ramp(texture.color_ramp, spec.default)
         setattr(settings, self.name, texture)

@@ -36,7 +36,7 @@ def page(effect: Effect) -> str:
             "",
             f"In a shell `--set {effect.id}.<name>=<value>`, in Python `scene.strata.{effect.id}.<name>`.",
             "",
-            *_table(["Name", "Default", "Range", "Unit", "Dearer and better", "Meaning"],
+            *_table(["Name", "In the panel", "Default", "Range", "Unit", "Dearer and better", "Meaning"],
                     map(_parameter_row, effect.params.specs())),
             "",
             "## Steps",
@@ -79,7 +79,14 @@ def _parameter_row(spec: ParamSpec) -> list[str]:
         if spec.soft != spec.hard:
             accepted += f" (slider {spec.soft[0]:g} to {spec.soft[1]:g})"
     shown = f"{default:g}" if isinstance(default, float) else str(default).lower()
-    return [f"`{spec.name}`", shown, accepted, spec.unit, "yes" if spec.trades_time else "", spec.doc]
+    if spec.unlimited:
+        accepted += f"; {spec.hard[1]:g} is {spec.unlimited.lower()}"
+    meaning = spec.doc
+    if used_when := spec.used_when.words("`{}`".format):
+        meaning += f". Counts where {used_when}"
+    label = f"{spec.group.title}: {spec.label}" if spec.group.title else spec.label
+    dearer = "yes" if spec.trades_time else ""
+    return [f"`{spec.name}`", label, shown, accepted, spec.unit, dearer, meaning]
 
 
 def _step_row(step: Step) -> list[str]:

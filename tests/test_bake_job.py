@@ -182,7 +182,7 @@ def test_a_bake_whose_every_layer_the_look_empties():
     baked = job.result()
     assert baked.layers.layers == ()
     assert baked.report.layers == ()
-    assert dict(baked.report.left_out)["soft_shadow Lamp"] == "reaches nothing in view"
+    assert dict(baked.report.left_out)["Soft Shadow Lamp"] == "reaches nothing in view"
 
 
 def test_hairs_between_the_looks_pixels_are_kept():
@@ -212,7 +212,7 @@ def test_reasons_name_their_cause():
         outline, _ = scene_of([FLOOR, PLATE], [light, replace(lamp(), name="Other")])
         assert needed(outline) is None
         left_out = plan_scene(outline, Options(backend="cpu")).left_out
-        return next((each.reason for each in left_out if each.what == "soft_shadow Lamp"), "")
+        return next((each.reason for each in left_out if each.what == "Soft Shadow Lamp"), "")
 
     assert reason(lamp()) == ""
     assert reason(lamp(power=0.0)) == "no power"

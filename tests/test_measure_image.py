@@ -178,7 +178,6 @@ def _run(recorder, outline, params):
 
 GLOW = Effect(
     id="glow",
-    title="Glow",
     params=GlowParams,
     layers=(
         LayerKind("Air", "RGB", Metric.RELATIVE_L2, _true_airlight, "closed form"),

@@ -53,7 +53,7 @@ def report(**changes) -> Report:
         "outline": OUTLINE,
         "graph": Graph(
             (*layers, PlannedLayer("picture", "", node, LIT)),
-            (LeftOut("soft_shadow Rim", "reaches nothing in view"),),
+            (LeftOut("Soft Shadow Rim", "reaches nothing in view"),),
             None,
             frozenset(),
             frozenset(),
@@ -83,7 +83,7 @@ def test_json_has_the_documented_keys():
     assert document["steps"] == [
         {"name": "layered_depth", "instance": "Key", "device": "cpu", "seconds": 0.2}
     ]
-    assert document["left_out"] == [{"what": "soft_shadow Rim", "reason": "reaches nothing in view"}]
+    assert document["left_out"] == [{"what": "Soft Shadow Rim", "reason": "reaches nothing in view"}]
     assert document["warnings"] == ["twice", "once"]
     key, fill = document["layers"]
     assert list(key) == [
@@ -137,7 +137,7 @@ def test_table_says_what_a_person_asks():
     assert re.search(r"Soft Shadow Key +0\.40 +1\.1% +1\.0% to 1\.2% +fine +5\.0% +21% +weighted rmse", text)
     assert re.search(r"Soft Shadow Fill +0\.30 +not measured +2 values are not finite", text)
     assert re.search(r"layered_depth +Key +cpu +0\.200", text)
-    assert "soft_shadow Rim: reaches nothing in view" in text
+    assert "Soft Shadow Rim: reaches nothing in view" in text
     assert "cpu (no GPU here)" in text
     assert max(map(width_of, text.splitlines())) <= WIDTH
 

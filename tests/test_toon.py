@@ -79,13 +79,13 @@ def test_what_is_switched_off_is_left_out_with_a_reason(stage):
     graph = planned(stage, halftone=False, outline=False, key_light="Moon")
     assert [layer.name for layer in graph.layers] == ["Toon"]
     reasons = {entry.what: entry.reason for entry in graph.left_out}
-    assert reasons["toon halftone"] == reasons["toon outline"] == "it is switched off"
-    assert "only 'Moon' counts" in reasons["toon light Sun"]
-    assert "there is no light 'Moon'" in reasons["toon light"]
+    assert reasons["Toon Halftone"] == reasons["Toon Outline"] == "it is switched off"
+    assert "only 'Moon' counts" in reasons["Toon light Sun"]
+    assert "there is no light 'Moon'" in reasons["Toon light"]
     graph = planned(stage, halftone_scale=0.3, outline_width_px=0.0)
     reasons = {entry.what: entry.reason for entry in graph.left_out}
-    assert "cutoff" in reasons["toon halftone"]
-    assert "width is 0" in reasons["toon outline"]
+    assert "cutoff" in reasons["Toon Halftone"]
+    assert "width is 0" in reasons["Toon Outline"]
     # No lines, no normals and no hull are asked for.
     assert {node.step.name for node in graph.nodes()}.isdisjoint({"toon/hull", "toon/lines"})
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -9,10 +11,11 @@ import strata
 from conftest import SAMPLES
 from effect_presets import FOLDER, presets
 from strata.addon.bake import Options, plan_scene, read_scene
-from strata.addon.effects.registry import EFFECTS
+from strata.addon.effects.registry import EFFECTS, effect_named
+from strata.addon.effects.toon.params import ToonParams
 from strata.addon.measure.report import LayerError, NotMeasured
 from strata.addon.scene.open import choose, open_blend
-from strata.addon.ui import migration, plot
+from strata.addon.ui import migration, panels, plot
 from strata.addon.ui.properties import options_of
 from strata.addon.ui.state import STATE, Mark
 
@@ -51,6 +54,33 @@ def test_settings_of_scene_and_light_survive_saving_and_opening(scene, tmp_path)
     assert (settings.samples, settings.save_to, settings.soft_shadow.method) == (3, "FILE", "hybrid")
     assert (light.use_own, light.soft_shadow.method, light.soft_shadow.rays) == (True, "area", 17)
     assert settings.version == migration.VERSION
+
+
+def test_a_limit_is_switched_on_and_off_by_its_box(scene):
+    toon = scene.strata.toon
+    assert not toon.crease_angle_is_limited
+    toon.crease_angle_is_limited = True
+    assert 0.1 < toon.crease_angle < 3.0
+    toon.crease_angle_is_limited = False
+    chosen = options_of(scene, effects=("toon",)).chosen()[effect_named("toon")]
+    assert chosen.crease_angle == ToonParams().crease_angle
+
+
+@pytest.mark.parametrize(
+    ("kind", "owner"), [("MESH", "Object"), ("LIGHT", "Light"), ("EMPTY", None), ("CAMERA", None)]
+)
+def test_only_what_has_settings_of_its_own_shows_them(scene, kind, owner):
+    scene.strata.toon.enabled = True
+    bpy.ops.object.empty_add()
+    thing = next(each for each in scene.objects if each.type == kind)
+    context = SimpleNamespace(scene=scene, object=thing)
+    assert panels.STRATA_PT_object.poll(context) == (owner is not None)
+    if owner:
+        assert panels.STRATA_PT_object._owner(context)[1] == owner
+    material = SimpleNamespace(scene=scene, material=bpy.data.materials.new("Paint"))
+    assert panels.STRATA_PT_material.poll(material)
+    scene.strata.toon.enabled = False
+    assert not panels.STRATA_PT_material.poll(material)
 
 
 def test_settings_survive_appending(scene, tmp_path):

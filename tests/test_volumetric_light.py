@@ -140,7 +140,7 @@ def test_plan_says_why():
     scene = fresh_scene()
     lamp("POINT", (0, 0, 2))
     reasons = {each.what: each.reason for each in planned(scene).left_out}
-    assert reasons[EFFECT] == "no medium"
+    assert reasons["Volumetric Light"] == "no medium"
     assert not planned(scene).layers
     assert [layer.name for layer in planned(scene, use_scene_medium=False).layers] == [
         "Volumetric Point",
@@ -152,8 +152,8 @@ def test_plan_says_why():
     dark.name = "Dark"
     graph = planned(scene)
     reasons = {each.what: each.reason for each in graph.left_out}
-    assert reasons[f"{EFFECT} Dark"] == "no power"
-    assert reasons[f"{EFFECT} Away"] == "reaches no view ray"
+    assert reasons["Volumetric Dark"] == "no power"
+    assert reasons["Volumetric Away"] == "reaches no view ray"
     assert [layer.name for layer in graph.layers] == ["Volumetric Point", "Transmittance"]
     world(scene, "ShaderNodeVolumeAbsorption", Density=0.05, Color=(0, 0, 0, 1))
     assert [layer.name for layer in planned(scene).layers] == ["Transmittance"]

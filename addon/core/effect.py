@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
-from .params import Params
+from .params import Params, in_words
 from .shader import Shader
 
 
@@ -97,7 +97,6 @@ class Effect:
     """
 
     id: str
-    title: str
     params: type[Params]
     layers: tuple[LayerKind, ...]
     needed: Callable
@@ -110,3 +109,8 @@ class Effect:
     on_by_default: bool = True
     ruled_out: Callable[[LayerKind, Any, Any, bool], bool] = not_ruled_out
     presets: dict[str, dict[str, Any]] = field(default_factory=dict, hash=False, compare=False)
+
+    @property
+    def title(self) -> str:
+        """What people call it."""
+        return in_words(self.id)

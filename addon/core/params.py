@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache
 from typing import Any, get_type_hints
 
+from .conditions import ALWAYS, Condition, When, both
 from .errors import StrataError
 from .ramp import Ramp, srgb_code, srgb_colour
 
@@ -29,10 +30,31 @@ class Colour(tuple[float, float, float]):
 
 
 @dataclass(frozen=True)
+class Group:
+    """Parameters that belong together, under a heading of their own. `switch` names the one of them that
+    switches the others on; `is_open`: not folded up at first."""
+
+    title: str
+    switch: str = ""
+    is_open: bool = False
+    used_when: Condition = ALWAYS
+
+
+NO_GROUP = Group("")
+_IN_LABELS = {"m": ("_m", ""), "pixel": ("_px", ""), "1/m": ("_per_m", "/m")}
+"""By unit: how names end with it, and labels, where no value shows it."""
+
+
+@dataclass(frozen=True)
 class ParamSpec:
     """One parameter: `kind` is int, float, bool, str, an Enum of strings, a Colour or a Ramp; `hard` is what
     is accepted, `soft` what a slider offers, both inclusive (of each of a Colour's channels); `trades_time`
-    says that raising it costs time and lowers error; `per_light` that a light may have a value of its own."""
+    says that raising it costs time and lowers error; `per_light` that a light may have a value of its own.
+
+    `label` is what a panel calls it, short enough for its column, `group` where it stands there, `words` what
+    choices are called where that is not the value itself; `used_when` is where it counts at all, which for
+    members of a group includes what holds for that; `unlimited` is a word for the greatest value accepted,
+    where that means no limit; `object_only`: of what objects have of their own, materials do not have it."""
 
     name: str
     kind: type
@@ -43,6 +65,16 @@ class ParamSpec:
     trades_time: bool
     doc: str
     per_light: bool = False
+    label: str = ""
+    group: Group = NO_GROUP
+    used_when: Condition = ALWAYS
+    unlimited: str = ""
+    words: dict[str, str] = field(default_factory=dict, hash=False)
+    object_only: bool = False
+
+    def is_unlimited(self, value: float) -> bool:
+        """Whether the value stands for no limit."""
+        return bool(self.unlimited) and value >= self.hard[1] * (1.0 - 1e-6)  # Blender keeps it in float32
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -109,13 +141,27 @@ class ParamSpec:
         return words[str(value).lower()]
 
 
-def param(default, *, doc, hard=None, soft=None, unit="", trades_time=False, per_light=False):
-    """A field of a Params class."""
+def param(default, *, doc, hard=None, soft=None, unit="", trades_time=False, **more):
+    """A field of a Params class; `more` are further fields of ParamSpec."""
     ranges = {"hard": hard, "soft": soft or hard, "unit": unit}
-    return dataclasses.field(
-        default=default,
-        metadata={**ranges, "trades_time": trades_time, "doc": doc, "per_light": per_light},
-    )
+    metadata = {**ranges, "trades_time": trades_time, "doc": doc, **more}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def in_words(name: str) -> str:
+    """`max_samples` as a label: Max Samples."""
+    return name.replace("_", " ").title()
+
+
+def _spec(name: str, kind: type, default: Any, metadata: dict[str, Any]) -> ParamSpec:
+    spec = ParamSpec(name, kind, default, **metadata)
+    ending, shown = _IN_LABELS.get(spec.unit, ("", ""))
+    label = spec.label or in_words(name.removesuffix(ending)) + shown
+    group, used_when = spec.group, spec.used_when
+    if group.switch != name:
+        switched = (When(group.switch, (True,)),) if group.switch else ()
+        used_when = both(group.used_when, *switched, used_when)
+    return dataclasses.replace(spec, label=label, used_when=used_when)
 
 
 @dataclass(frozen=True)
@@ -127,8 +173,8 @@ class Params:
     def specs(cls) -> tuple[ParamSpec, ...]:
         kinds = get_type_hints(cls)
         return tuple(
-            ParamSpec(field.name, kinds[field.name], field.default, **field.metadata)
-            for field in dataclasses.fields(cls)
+            _spec(each.name, kinds[each.name], each.default, each.metadata)
+            for each in dataclasses.fields(cls)
         )
 
     @classmethod
@@ -155,7 +201,7 @@ class Params:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
         return {name: plain(value) for name, value in values.items()}
 
 

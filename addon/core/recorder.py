@@ -140,9 +140,9 @@ def plan(
     for effect, params in effects.items():
         recorder.effect, recorder.params = effect, params
         if reason := effect.needed(outline):
-            recorder.left_out(effect.id, reason)
+            recorder.left_out(effect.title, reason)
         elif lamps is not None and not any(kind.per_light for kind in effect.layers):
-            recorder.left_out(effect.id, "only lamps' layers were asked for")
+            recorder.left_out(effect.title, "only lamps' layers were asked for")
         else:
             effect.run(recorder, outline, params)
     recorder.effect = recorder.params = None

@@ -13,6 +13,7 @@ from .graph import Graph, LeftOut, PlannedLayer
 from .layers import Layer
 from .naming import lamp_pass_name, layer_name
 from .outline import Outline
+from .params import in_words
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def _reason(layer: SequenceLayer, graph: Graph, outline: Outline) -> str:
     named = {light.pass_name or lamp_pass_name(light.name, light.key) for light in outline.lights}
     if layer.light and not any(layer_name(layer.kind.title, name) == layer.name for name in named):
         return "the lamp is not there"
-    subjects = (f"{layer.effect} {layer.light}".strip(), layer.kind.title.lower(), layer.effect)
+    subjects = (f"{layer.kind.title} {layer.light}".strip(), layer.kind.title, in_words(layer.effect))
     for subject in subjects:
         for entry in graph.left_out:
             if entry.effect == layer.effect and entry.what == subject:

@@ -31,13 +31,19 @@ class Window(Enum):
 @dataclass(frozen=True)
 class ExrParams(Params):
     parts: Parts = param(
-        Parts.MULTI, doc="A part for each layer, which readers load one at a time, or all layers in one part"
+        Parts.MULTI,
+        words={"multi": "Per Layer", "single": "One for All"},
+        doc="A part for each layer, which readers load one at a time, or all layers in one part",
     )
     depth: Depth = param(
-        Depth.FLOAT, doc="Bits of a number: 32, or 16 for colours and masks (depths and ids stay at 32)"
+        Depth.FLOAT,
+        words={"float": "32 Bit", "half": "16 Bit"},
+        doc="Bits of a number: 32, or 16 for colours and masks (depths and ids stay at 32)",
     )
     codec: Codec = param(
-        Codec.ZIP, doc="Compression: lossless, or lossy for colours (dwaa, needs OpenImageIO)"
+        Codec.ZIP,
+        words={"zip": "ZIP (lossless)", "dwaa": "DWAA (lossy)"},
+        doc="Compression: lossless, or lossy for colours (dwaa, needs OpenImageIO)",
     )
     window: Window = param(
         Window.FRAME,

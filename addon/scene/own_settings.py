@@ -21,7 +21,11 @@ def own_specs(owner: str) -> dict[Effect, tuple[ParamSpec, ...]]:
     if owner == "Light":
         found = {effect: tuple(s for s in effect.params.specs() if s.per_light) for effect in EFFECTS}
     else:
-        found = {effect: effect.object_params.specs() for effect in EFFECTS if effect.object_params}
+        found = {
+            effect: tuple(s for s in effect.object_params.specs() if owner == "Object" or not s.object_only)
+            for effect in EFFECTS
+            if effect.object_params
+        }
     return {effect: specs for effect, specs in found.items() if specs}
 
 

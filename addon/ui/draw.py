@@ -9,15 +9,13 @@ import bpy
 
 from .. import preview
 from ..core.effect import Effect
-from ..core.params import ParamSpec
-from ..core.ramp import Ramp
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
 from ..measure.report import LayerError, NotMeasured, error_of, words_of
 from ..measure.verdict import advice, between, percent
-from ..scene.own_settings import own_specs
 from . import plot
 from .properties import waits_for_saving
+from .rows import parameters
 from .state import STATE, PlanRow
 
 LETTER_PIXELS = 7.2  # of the interface's font at scale 1, on average
@@ -130,36 +128,11 @@ def effect_header(layout: bpy.types.UILayout, context, effect: Effect) -> None:
 
 def effect_settings(layout: bpy.types.UILayout, context, effect: Effect) -> None:
     group = getattr(context.scene.strata, effect.id)
-    column = layout.column()
-    column.active = group.enabled
-    parameters(column, group, effect.params.specs(), f"scene.strata.{effect.id}")
+    parameters(layout, group, effect.params.specs(), f"scene.strata.{effect.id}", group.enabled)
     rows = [row for row in _plan(context) if row.effect == effect.id and not row.light and not row.kept]
     if rows and group.enabled:
         layout.separator()
         left_out(layout, context, rows)
-
-
-def parameters(layout: bpy.types.UILayout, group, specs: Iterable[ParamSpec], path: str) -> None:
-    """Rows for values of `group`, which Blender's context knows as `path`."""
-    for spec in specs:
-        if spec.kind is Ramp:
-            ramp(layout, group, path, spec.name)
-        else:
-            layout.prop(group, spec.name)
-
-
-def ramp(layout: bpy.types.UILayout, group, path: str, name: str) -> None:
-    """A texture to take the ramp of, and that ramp; without one, a button that makes it."""
-    row = layout.row(align=True)
-    row.prop(group, name)
-    texture = getattr(group, name)
-    if texture is None:
-        new = row.operator("strata.new_ramp", text="", icon="ADD")
-        new.path, new.name = path, name
-    elif texture.use_color_ramp:
-        layout.template_color_ramp(texture, "color_ramp", expand=True)
-    else:
-        layout.prop(texture, "use_color_ramp")
 
 
 def left_out(layout: bpy.types.UILayout, context, rows: Iterable[PlanRow]) -> None:
@@ -198,11 +171,13 @@ def light(layout: bpy.types.UILayout, context, name: str, rows: list[PlanRow]) -
     column = box.column(align=True)
     header = column.row()
     header.active = bool(kept)
-    header.label(text=name, icon=_LIGHT_ICONS[shown.data.type] if is_light else "LIGHT")
-    end = header.row()
+    # Each has its share, so that a long name is cut off where it ends, and pushes nothing out.
+    split = header.split(factor=0.5)
+    split.label(text=name, icon=_LIGHT_ICONS[shown.data.type] if is_light else "LIGHT")
+    end = split.row()
     end.alignment = "RIGHT"
     if is_light and shown.data.strata.use_own:
-        end.label(text="Own", icon="MODIFIER")
+        end.label(text="", icon="MODIFIER")
     count = len(kept)
     words = f"{count} layers" if count > 1 else "1 layer" if count else "No layer"
     end.label(text=words, icon="CHECKMARK" if kept else "REMOVE")
@@ -210,23 +185,8 @@ def light(layout: bpy.types.UILayout, context, name: str, rows: list[PlanRow]) -
     reasons.active = False
     for row in rows:
         if not row.kept:
-            what = row.what.split(name, 1)[-1].strip()
-            text(reasons, context, f"{what}: {row.reason}" if what else row.reason, "BLANK1")
-
-
-def light_settings(layout: bpy.types.UILayout, data: bpy.types.Light) -> None:
-    """A light's own settings, greyed while it has none."""
-    layout.prop(data, "use_shadow")
-    own_settings(layout, data, "Light", data.use_shadow)
-
-
-def own_settings(layout: bpy.types.UILayout, data: bpy.types.ID, owner: str, is_active: bool = True) -> None:
-    """What a light, an object or a material has of its own, by effect."""
-    column = layout.column()
-    column.active = data.strata.use_own and is_active
-    for effect, specs in own_specs(owner).items():
-        column.label(text=effect.title)
-        parameters(column, getattr(data.strata, effect.id), specs, f"{owner.lower()}.strata.{effect.id}")
+            what = row.what.replace(f" {name}", "", 1)
+            text(reasons, context, f"{what}: {row.reason}", "BLANK1")
 
 
 # The last bake

@@ -9,9 +9,12 @@ import bpy
 from ..core.effect import Effect
 from ..core.naming import ENGINE_ID
 from ..effects.registry import EFFECTS
-from . import draw, plot, presets
+from . import draw, plot, presets, rows
 from .registration import Classes
 from .state import STATE
+
+HAS_SURFACE = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+"""Types of objects that effects see, and that may have settings of their own."""
 
 
 class _Sidebar:
@@ -111,30 +114,56 @@ def _effect(effect: Effect) -> tuple[type, type]:
 
 
 class _OwnSettings:
-    """A light's own settings; `_light(context)` says which light's."""
+    """What something has of its own; `_owner(context)` says what, None where there is nothing, and which of
+    OWNERS that is."""
 
     bl_label = "Strata"
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context):
-        return cls._light(context) is not None
+        data, owner = cls._owner(context)
+        return data is not None and rows.has_own(context.scene, owner)
 
     def draw_header(self, context):
-        self.layout.prop(self._light(context).strata, "use_own", text="")
+        self.layout.prop(self._owner(context)[0].strata, "use_own", text="")
 
     def draw(self, context):
-        draw.light_settings(draw.settings_layout(self), self._light(context))
+        rows.own_settings(draw.settings_layout(self), *self._owner(context), context.scene)
 
 
-class STRATA_PT_light(_OwnSettings, bpy.types.Panel):
+class _Properties(_OwnSettings):
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
+
+
+class STRATA_PT_light(_Properties, bpy.types.Panel):
     bl_context = "data"
 
     @staticmethod
-    def _light(context):
-        return context.light
+    def _owner(context):
+        return context.light, "Light"
+
+
+class STRATA_PT_material(_Properties, bpy.types.Panel):
+    bl_context = "material"
+
+    @staticmethod
+    def _owner(context):
+        return context.material, "Material"
+
+
+class STRATA_PT_object(_Properties, bpy.types.Panel):
+    """Of a light object the light's, so that nobody has to know where they are."""
+
+    bl_context = "object"
+
+    @staticmethod
+    def _owner(context):
+        thing = context.object
+        if thing is not None and thing.type == "LIGHT":
+            return thing.data, "Light"
+        return thing if thing is not None and thing.type in HAS_SURFACE else None, "Object"
 
 
 class STRATA_PT_active_light(_OwnSettings, _Sidebar, bpy.types.Panel):
@@ -142,38 +171,14 @@ class STRATA_PT_active_light(_OwnSettings, _Sidebar, bpy.types.Panel):
     bl_parent_id = "STRATA_PT_lights"
 
     @staticmethod
-    def _light(context):
+    def _owner(context):
         active = context.active_object
-        return active.data if active is not None and active.type == "LIGHT" else None
+        return active.data if active is not None and active.type == "LIGHT" else None, "Light"
 
-    def draw_header_preset(self, context):
-        self.layout.label(text=context.active_object.name)
-
-
-def _own_panel(owner: str) -> type:
-    """Settings of an object's or a material's own, in its tab of the properties."""
-    name = owner.lower()
-
-    def poll(cls, context):
-        return getattr(context, name, None) is not None
-
-    def draw_header(self, context):
-        self.layout.prop(getattr(context, name).strata, "use_own", text="")
-
-    def draw_body(self, context):
-        draw.own_settings(draw.settings_layout(self), getattr(context, name), owner)
-
-    members = {
-        "bl_label": "Strata",
-        "bl_options": {"DEFAULT_CLOSED"},
-        "bl_space_type": "PROPERTIES",
-        "bl_region_type": "WINDOW",
-        "bl_context": name,
-        "poll": classmethod(poll),
-        "draw_header": draw_header,
-        "draw": draw_body,
-    }
-    return type(f"STRATA_PT_{name}", (bpy.types.Panel,), members)
+    def draw(self, context):
+        # Not in the header, which a long name would push out.
+        self.layout.label(text=context.active_object.name, icon="OBJECT_DATA")
+        super().draw(context)
 
 
 _classes = Classes(
@@ -192,7 +197,8 @@ _classes = Classes(
     ),
     *_in_both("steps", "Time per Step", draw.step_times, parent="result", needed=draw.has_report),
     STRATA_PT_light,
-    *map(_own_panel, ("Object", "Material")),
+    STRATA_PT_object,
+    STRATA_PT_material,
 )
 
 

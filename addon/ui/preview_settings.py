@@ -13,7 +13,7 @@ class StrataPreviewSettings(bpy.types.PropertyGroup):
         description="Name of the layer to show; empty shows the composite of all",
     )
     frame_budget_ms: bpy.props.FloatProperty(
-        name="Frame Budget",
+        name="Frame (ms)",
         description="Milliseconds that a frame may take while something moves. Resolution and map sizes drop "
         "to keep to it, and come back when everything is still",
         default=33.0,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterable
 from enum import Enum
 from itertools import chain
 from typing import Any
@@ -11,7 +12,7 @@ import bpy
 
 from ..bake import Options
 from ..core.effect import Effect
-from ..core.params import Colour, ParamSpec
+from ..core.params import Colour, ParamSpec, in_words
 from ..core.ramp import Ramp
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
@@ -21,13 +22,8 @@ from .preview_settings import StrataPreviewSettings
 
 _FLOAT_LIMIT = 3.4e38  # of float32, which Blender keeps properties in
 _INT_LIMIT = 2**31 - 1
-# The RNA property type that shows a unit, by ParamSpec.unit; other units are named in the tooltip.
+# The RNA property type that shows a unit, by ParamSpec.unit; others are named in labels or the tooltip.
 _SUBTYPES = {"m": ("DISTANCE", "LENGTH"), "rad": ("ANGLE", "ROTATION"), "pixel": ("PIXEL", "NONE")}
-
-
-def title(name: str) -> str:
-    """`max_samples` as a label: Max Samples."""
-    return name.replace("_", " ").title()
 
 
 def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
@@ -82,17 +78,28 @@ def fill_ramp(ramp: bpy.types.ColorRamp, value: Ramp) -> None:
         element.position, element.color = position, colour
 
 
-def _tooltip(spec: ParamSpec) -> str:
+def limit_name(spec: ParamSpec) -> str:
+    """Of the box beside a parameter that may have no limit."""
+    return f"{spec.name}_is_limited"
+
+
+def _tooltip(spec: ParamSpec, called: dict[str, str]) -> str:
+    """`called`: labels of the parameters that stand beside it."""
     text = spec.doc.rstrip(".")
     if spec.unit and spec.unit not in _SUBTYPES:
         text += f" (unit: {spec.unit})"
+    if used_when := spec.used_when.words(called.__getitem__):
+        text += f". Counts where {used_when}"
     return text + (". More is slower and more exact" if spec.trades_time else "")
 
 
-def _enum_items(kind: type[Enum]) -> list[tuple[str, str, str, int]]:
+def _enum_items(spec: ParamSpec) -> list[tuple[str, str, str, int]]:
     """Numbers made from the words themselves: a file keeps the number, and stays right when a choice is
     added before another. Of 22 bits: an animation keeps them as float32, and adds a half."""
-    return [(word.value, title(word.value), "", zlib.crc32(word.value.encode()) & 0x3FFFFF) for word in kind]
+    return [
+        (word, spec.words.get(word, in_words(word)), "", zlib.crc32(word.encode()) & 0x3FFFFF)
+        for word in spec.choices
+    ]
 
 
 def _ranges(spec: ParamSpec, limit: float) -> dict[str, float]:
@@ -102,11 +109,37 @@ def _ranges(spec: ParamSpec, limit: float) -> dict[str, float]:
     return dict(zip(("min", "max", "soft_min", "soft_max"), map(clamp, (*hard, *soft)), strict=True))
 
 
-def _property(spec: ParamSpec):
+def _properties(specs: Iterable[ParamSpec]) -> dict[str, Any]:
+    """The bpy properties of parameters, by name."""
+    specs = tuple(specs)
+    called = {spec.name: spec.label for spec in specs}
+    found = {spec.name: _property(spec, _tooltip(spec, called)) for spec in specs}
+    return found | {limit_name(spec): _limit_box(spec) for spec in specs if spec.unlimited}
+
+
+def _limit_box(spec: ParamSpec):
+    """Whether there is a limit: nothing is kept but the limit itself."""
+
+    def has_limit(group) -> bool:
+        return not spec.is_unlimited(getattr(group, spec.name))
+
+    def set_limit(group, is_limited: bool) -> None:
+        setattr(group, spec.name, 0.5 * spec.soft[1] if is_limited else spec.hard[1])
+
+    return bpy.props.BoolProperty(
+        name=spec.label,
+        description=f"{spec.doc.rstrip('.')}. Off: {spec.unlimited.lower()}",
+        get=has_limit,
+        set=set_limit,
+        options=set(),
+    )
+
+
+def _property(spec: ParamSpec, tooltip: str):
     """The bpy property of one parameter."""
-    common = {"name": title(spec.name.removesuffix("_m")), "description": _tooltip(spec)}
+    common = {"name": spec.label, "description": tooltip}
     if issubclass(spec.kind, Enum):
-        return bpy.props.EnumProperty(items=_enum_items(spec.kind), default=spec.default.value, **common)
+        return bpy.props.EnumProperty(items=_enum_items(spec), default=spec.default.value, **common)
     if spec.kind is bool:
         return bpy.props.BoolProperty(default=spec.default, **common)
     if spec.kind is str:
@@ -143,9 +176,7 @@ def _effect_group(effect: Effect) -> type:
         default=effect.on_by_default,
         update=_update_passes,
     )
-    properties = {"enabled": on}
-    for spec in effect.params.specs():
-        properties[spec.name] = _property(spec)
+    properties = {"enabled": on, **_properties(effect.params.specs())}
     return _group(f"Strata{effect.title.replace(' ', '')}Settings", properties)
 
 
@@ -153,9 +184,7 @@ def _own_groups(owner: str, specs: dict[Effect, tuple[ParamSpec, ...]]) -> tuple
     """The PropertyGroups of what a light, an object or a material (`owner`) may have of its own: one an
     effect, and last that of the owner, which holds them."""
     groups = {
-        effect.id: _group(
-            f"Strata{effect.title.replace(' ', '')}{owner}Settings", {s.name: _property(s) for s in own}
-        )
+        effect.id: _group(f"Strata{effect.title.replace(' ', '')}{owner}Settings", _properties(own))
         for effect, own in specs.items()
     }
     use = bpy.props.BoolProperty(
@@ -238,7 +267,7 @@ def register() -> None:
         return
     of_owners = {owner: _own_groups(owner, own_specs(owner)) for owner in OWNERS}
     of_scenes = {effect.id: _effect_group(effect) for effect in EFFECTS}
-    exr = _group("StrataExrSettings", {spec.name: _property(spec) for spec in ExrParams.specs()})
+    exr = _group("StrataExrSettings", _properties(ExrParams.specs()))
     scene = _scene_group(of_scenes, exr)
     for cls in (*chain(*of_owners.values()), *of_scenes.values(), exr, StrataPreviewSettings, scene):
         bpy.utils.register_class(cls)

@@ -8,7 +8,6 @@ from .run import needed, ruled_out, run, visibility
 
 EFFECT = Effect(
     id="soft_shadow",
-    title="Soft Shadow",
     params=SoftShadowParams,
     layers=(
         LayerKind(

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from ...core.params import Params, param
+from ...core.conditions import When
+from ...core.params import Group, Params, param
 
 
 class Method(Enum):
@@ -14,6 +15,10 @@ class Method(Enum):
     AREA = "area"
     BITMASK = "bitmask"
     HYBRID = "hybrid"
+
+
+SAMPLING = Group("Sampling")
+BIAS = Group("Bias")
 
 
 @dataclass(frozen=True)
@@ -31,6 +36,7 @@ class SoftShadowParams(Params):
         unit="texel",
         trades_time=True,
         per_light=True,
+        label="Map Size",
         doc="Side of each light's depth map",
     )
     method: Method = param(
@@ -44,27 +50,41 @@ class SoftShadowParams(Params):
         soft=(256, 16384),
         unit="texel",
         trades_time=True,
+        label="Max Texels",
+        group=SAMPLING,
         doc="Texels of the map that one point may read; beyond it a coarser map is read",
     )
     refinements: int = param(
         1,
         hard=(0, 4),
         trades_time=True,
+        group=SAMPLING,
         doc="Times the search region is narrowed by the nearest caster in it",
     )
     gradient_scale: float = param(
         1.0,
         hard=(0.0, 16.0),
         soft=(0.0, 4.0),
+        label="Scale",
+        group=BIAS,
         doc="Shadow bias, a multiple of the depth's slope across a texel; too small: acne, too large: leaks",
     )
     gradient_cap_m: float = param(
-        1e9, hard=(0.0, 1e9), soft=(0.0, 1.0), unit="m", doc="Largest bias that the slope may give"
+        1e9,
+        hard=(0.0, 1e9),
+        soft=(0.0, 1.0),
+        unit="m",
+        label="Limit",
+        group=BIAS,
+        unlimited="Unlimited",
+        doc="Largest bias that the slope may give",
     )
     spacing: int = param(
         1,
         hard=(1, 4),
         unit="pixel",
+        group=SAMPLING,
+        used_when=When("method", (Method.BITMASK, Method.HYBRID)),
         doc="Every so many-th pixel each way is evaluated, others where surface or shadow change; 1: all",
     )
     rays: int = param(
@@ -73,8 +93,9 @@ class SoftShadowParams(Params):
         soft=(16, 256),
         trades_time=True,
         per_light=True,
-        doc="Rays for each point that maps are unsure of, with the hybrid method, and at least 256 for "
-        "what is closest to a spot or a point; 0: none",
+        used_when=When("method", (Method.HYBRID,)),
+        doc="Rays for each point that maps are unsure of, and at least 256 for what is closest to a spot or "
+        "a point; 0: none",
     )
 
     def finer(self) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,12 @@ from .views import ROUND_KINDS, light_views, reaching_out_of, share_axes, too_fa
 
 SMALLEST_RESOLUTION = 64
 """Texels a side of any map."""
+
+WHY_NO_MAP = {
+    "no receivers": "nothing in view would read them",
+    "no casters": "nothing casts a shadow there",
+}
+"""By what light_views says."""
 
 POINTS = ("position", "geometric_normal", "shading_normal")
 
@@ -66,9 +73,14 @@ def visibility(
     if not reason and not casters:
         reason = "nothing casts a shadow into view"
     if reason:
-        recorder.left_out(f"soft_shadow {light.name}", reason, light.name)
+        recorder.left_out(_told(light), reason, light.name)
         return None
     return _record_light(recorder, outline, params, index, casters, visible, receivers, boxes), casters
+
+
+def _told(light: Light) -> str:
+    """As its layer is called, for people."""
+    return f"Soft Shadow {light.name}"
 
 
 def _unneeded(light: Light, visible: frozenset[int], region: np.ndarray) -> str | None:
@@ -100,12 +112,11 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers,
         ("views", light.emitter, casters, receivers.tobytes(), bool(close)),
         lambda: light_views(light.emitter, outline.instances.boxes_of(casters), receivers, bool(close)),
     )
-    for what, reason in left_out:
-        recorder.left_out(f"soft_shadow {light.name} {what}", reason, light.name)
+    for reason, count in Counter(reason for _, reason in left_out).items():
+        maps = f"{count} of its maps" if count > 1 else "one of its maps"
+        recorder.left_out(f"{_told(light)}, {maps}", WHY_NO_MAP.get(reason, reason), light.name)
     if not _has_size(light):
-        recorder.left_out(
-            f"soft_shadow {light.name} penumbra", "a light of no size has hard shadows", light.name
-        )
+        recorder.left_out(f"{_told(light)}, penumbra", "a light of no size has hard shadows", light.name)
     maps, inner = [], None
     for name, view in views:
         drawn, resolution = casters, params.resolution
@@ -132,7 +143,7 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers,
         method=params.method.value,
         max_samples=params.max_samples,
         refinements=params.refinements,
-        spacing=params.spacing,
+        spacing=1 if params.method == Method.AREA else params.spacing,
         maps=len(maps),
     )
     if params.method == Method.HYBRID:
@@ -223,7 +234,7 @@ def _report_idle_instances(recorder: Recorder, outline: Outline, seen: np.ndarra
     names = outline.instances.memo(("idle", *needed), lambda: _others(outline, *needed))
     shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
     if names:
-        recorder.left_out(f"objects {shown}", "neither in view nor casting a shadow into it")
+        recorder.left_out(f"Objects {shown}", "neither in view nor casting a shadow into it")
 
 
 def _others(outline: Outline, seen: frozenset[int], read: frozenset[int]) -> list[str]:

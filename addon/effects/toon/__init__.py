@@ -37,7 +37,6 @@ OUTLINE = LayerKind(
 )
 EFFECT = Effect(
     id="toon",
-    title="Toon",
     params=ToonParams,
     object_params=ToonObjectParams,
     layers=(TOON, HALFTONE, OUTLINE),

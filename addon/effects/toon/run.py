@@ -16,6 +16,9 @@ from .lights import luminance, packed_lights
 from .looks import excluded_instances, own_of, ramps_of, without_outline
 from .params import NO_CREASE, Anchor, Light, Normals, ShadowEdge, ToonParams, Unit
 
+NO_RIM = 1.0, 0.0, 0.0, 0.0, 0.0
+"""Width, strength and colour: those of none are no reason to shade anew."""
+
 
 def needed(outline: Outline) -> str | None:
     """Why there is nothing to shade, or None."""
@@ -39,12 +42,12 @@ def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
     boxes = boxes_of(outline)
     seen, receivers = receivers_in_view(outline, boxes)
     if not seen.any():
-        recorder.left_out("toon", "nothing is in view")
+        recorder.left_out("Toon", "nothing is in view")
         return
     visible = outline.instances.subset(seen)
     excluded = excluded_instances(outline)
     if visible <= excluded:
-        recorder.left_out("toon", "everything in view is excluded from it")
+        recorder.left_out("Toon", "everything in view is excluded from it")
         return
     normal = "geometric_normal" if params.normals == Normals.FLAT else "shading_normal"
     surface = shared.surface(recorder, outline, visible, normal)
@@ -52,9 +55,9 @@ def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
     shaded = _shade(recorder, outline, params, surface, light, normal, visible)
     recorder.layer(TOON, shaded, casters=casters)
     if not params.halftone:
-        recorder.left_out("toon halftone", "it is switched off")
+        recorder.left_out("Toon Halftone", "it is switched off")
     elif reason := _no_dots(params):
-        recorder.left_out("toon halftone", reason)
+        recorder.left_out("Toon Halftone", reason)
     else:
         node = _halftone(recorder, outline, params, light, excluded)
         used = outline.instances.materials_of(visible - excluded)
@@ -62,7 +65,7 @@ def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
             node = recorder.step(steps.SPARE, node, shaded)
         recorder.layer(HALFTONE, node, casters=casters)
     if not params.outline:
-        recorder.left_out("toon outline", "it is switched off")
+        recorder.left_out("Toon Outline", "it is switched off")
     else:
         _outline(recorder, outline, params, visible, excluded, OUTLINE)
 
@@ -152,13 +155,13 @@ def _chosen_lights(recorder, outline, params, visible, region) -> list[int]:
         if reason is None:
             chosen.append(index)
             continue
-        recorder.left_out(f"toon light {light.name}", reason, light.name)
+        recorder.left_out(f"Toon light {light.name}", reason, light.name)
     if not chosen:
         known = any(light.name == params.key_light for light in outline.lights)
         reason = "no light shines on what is in view: all is shade"
         if params.key_light and not known:
             reason = f"there is no light '{params.key_light}': all is shade"
-        recorder.left_out("toon light", reason)
+        recorder.left_out("Toon light", reason)
     return chosen
 
 
@@ -183,7 +186,7 @@ def _shade(recorder, outline, params, surface, light, normal, visible) -> Node:
         table=np.array(table, np.float32).reshape(-1, 6),
         mix=params.mix.value,
         emission=params.emission,
-        rim=(params.rim_width, params.rim, *params.rim_color),
+        rim=(params.rim_width, params.rim, *params.rim_color) if params.rim > 0.0 else NO_RIM,
         forward=outline.view.forward if outline.view.orthographic else None,
         **ramps.as_params(),
     )
@@ -227,10 +230,10 @@ def _outline(recorder, outline, params, visible, excluded, kind) -> None:
     in_pixels = params.outline_unit == Unit.PIXEL
     width = params.outline_width_px if in_pixels else params.outline_width_m
     if not drawn:
-        recorder.left_out("toon outline", "no object in view has one")
+        recorder.left_out("Toon Outline", "no object in view has one")
         return
     if (width <= 0.0 or params.outline_most_px <= 0.0) and not has_lines:
-        recorder.left_out("toon outline", "its width is 0")
+        recorder.left_out("Toon Outline", "its width is 0")
         return
     geometry = shared.geometry(recorder, outline)
     view = outline.view

@@ -8,7 +8,6 @@ from .run import needed, ruled_out, run
 
 EFFECT = Effect(
     id="volumetric_light",
-    title="Volumetric Light",
     params=VolumetricLightParams,
     layers=(
         LayerKind(

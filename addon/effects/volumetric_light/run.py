@@ -55,23 +55,23 @@ def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> 
     for what, reason in left_out:
         recorder.left_out(what, reason)
     if fill is None:
-        return recorder.left_out("volumetric_light", "no medium")
+        return recorder.left_out("Volumetric Light", "no medium")
     boxes = boxes_of(outline)
     region = _region(outline, fill, boxes)
     if region is None:
-        return recorder.left_out("volumetric_light", "the medium is not in view")
+        return recorder.left_out("Volumetric Light", "the medium is not in view")
     # The same as other effects take: one surface serves all.
     seen, _ = receivers_in_view(outline, boxes)
     surface = shared.surface(recorder, outline, outline.instances.subset(seen), "depth")
     stride = params.scale.stride
     if not any(fill.medium.scattering):
-        recorder.left_out("volumetric_light scattering", "the medium only absorbs")
+        recorder.left_out("Volumetric Light, scattering", "the medium only absorbs")
     for index in recorder.lamps:
         light = outline.lights[index]
         if not any(fill.medium.scattering):
             break
         if reason := _unneeded(light, region):
-            recorder.left_out(f"volumetric_light {light.name}", reason, light.name)
+            recorder.left_out(f"Volumetric {light.name}", reason, light.name)
             continue
         casters = casters_of(light, outline.instances, region) if light.casts_shadow else frozenset()
         own = light.params_for(EFFECT.id, params)

@@ -1,0 +1,103 @@
+"""Rows of parameters, as they are declared: in groups, grey where they do not count, with their units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import bpy
+
+from ..core.effect import Effect
+from ..core.params import NO_GROUP, Group, ParamSpec
+from ..core.ramp import Ramp
+from ..scene.own_settings import own_specs
+from .properties import limit_name
+
+
+def parameters(
+    layout: bpy.types.UILayout, group, specs: Iterable[ParamSpec], path: str, is_active: bool = True
+) -> None:
+    """Rows for values of `group`, which Blender's context knows as `path`. Those that belong together fold up
+    under a heading, so `layout` has to be a panel's own."""
+    grouped: dict[Group, list[ParamSpec]] = {}
+    for spec in specs:
+        grouped.setdefault(spec.group, []).append(spec)
+    _rows(layout, group, grouped.pop(NO_GROUP, ()), path, is_active)
+    for each, members in grouped.items():
+        header, body = layout.panel(f"{path}/{each.title}", default_closed=not each.is_open)
+        header.active = is_active and each.used_when.holds(lambda name: getattr(group, name))
+        if each.switch:
+            header.use_property_split = False
+            header.prop(group, each.switch, text="")
+        header.label(text=each.title)
+        if body:
+            _rows(body, group, (spec for spec in members if spec.name != each.switch), path, is_active)
+
+
+def _rows(layout, group, specs: Iterable[ParamSpec], path: str, is_active: bool) -> None:
+    column = layout.column()
+    for spec in specs:
+        row = column.column()
+        row.active = is_active and spec.used_when.holds(lambda name: getattr(group, name))
+        if spec.kind is Ramp:
+            _ramp(row, group, path, spec.name)
+        elif spec.unlimited:
+            _limit(row, group, spec)
+        else:
+            row.prop(group, spec.name)
+
+
+def _limit(layout, group, spec: ParamSpec) -> None:
+    """A box for whether there is a limit, and that limit."""
+    row = layout.row(align=True, heading=spec.label)
+    row.use_property_decorate = False
+    row.prop(group, limit_name(spec), text="")
+    value = row.row(align=True)
+    if spec.is_unlimited(getattr(group, spec.name)):
+        value.active = False
+        value.label(text=spec.unlimited)
+        row.label(text="", icon="BLANK1")
+    else:
+        value.prop(group, spec.name, text="")
+        row.prop_decorator(group, spec.name)
+
+
+def _ramp(layout, group, path: str, name: str) -> None:
+    """A texture to take the ramp of, and that ramp; without one, a button that makes it."""
+    row = layout.row(align=True)
+    row.prop(group, name)
+    texture = getattr(group, name)
+    if texture is None:
+        new = row.operator("strata.new_ramp", text="", icon="ADD")
+        new.path, new.name = path, name
+    elif texture.use_color_ramp:
+        layout.template_color_ramp(texture, "color_ramp", expand=True)
+    else:
+        layout.prop(texture, "use_color_ramp")
+
+
+# What lights, objects and materials have of their own
+
+
+def _own(scene: bpy.types.Scene, owner: str) -> dict[Effect, tuple[ParamSpec, ...]]:
+    """Of effects that the scene has switched on: others would be read by nobody."""
+    own = own_specs(owner)
+    return {effect: specs for effect, specs in own.items() if getattr(scene.strata, effect.id).enabled}
+
+
+def has_own(scene: bpy.types.Scene, owner: str) -> bool:
+    """Whether one of OWNERS has settings of its own to show."""
+    return bool(_own(scene, owner))
+
+
+def own_settings(layout: bpy.types.UILayout, data: bpy.types.ID, owner: str, scene: bpy.types.Scene) -> None:
+    """What a light, an object or a material has of its own, by effect; grey while it has nothing."""
+    is_active = data.strata.use_own
+    if owner == "Light":
+        layout.prop(data, "use_shadow", text="Cast Shadow")
+        is_active = is_active and data.use_shadow
+    for effect, specs in _own(scene, owner).items():
+        title = layout.column()
+        title.active = is_active
+        title.label(text=effect.title)
+        group = getattr(data.strata, effect.id)
+        parameters(layout, group, specs, f"{owner.lower()}.strata.{effect.id}", is_active)
