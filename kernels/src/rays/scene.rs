@@ -14,6 +14,10 @@ use std::sync::Arc;
 /// (some 100 bytes each, with their share of the tree): one tree is faster to walk than two levels.
 const FLAT_BUDGET: usize = 4_000_000;
 
+/// Points or triangles below which handing them out costs more than it gains: scenes have thousands of small
+/// meshes.
+const WORTH_A_THREAD: usize = 4096;
+
 /// What references to leaves can number.
 const MAX_PRIMITIVES: usize = 1 << 31;
 
@@ -109,6 +113,24 @@ fn is_cut_out(data: &Data, instance: &Instance) -> bool {
     instance.slot_materials.iter().any(clips)
 }
 
+/// Triangles of instances: index, matrix relative to the origin, whether it clips by alpha.
+fn flattened_triangles(data: &Data, parts: &[(usize, Matrix, bool)]) -> Vec<Triangle> {
+    let of_part = |&(index, matrix, cutout): &(usize, Matrix, bool)| {
+        let mesh = &data.meshes[data.instances[index].mesh];
+        let place = move |p: &[f32; 3]| apply(&matrix, p.map(f64::from));
+        let points = mesh.positions.par_iter().with_min_len(WORTH_A_THREAD).map(place);
+        let points: Vec<[f64; 3]> = points.collect();
+        (0..mesh.triangles.len())
+            .into_par_iter()
+            .with_min_len(WORTH_A_THREAD)
+            .filter_map(move |t| {
+                let corners = mesh.triangles[t].map(|c| points[mesh.corner_vertices[c as usize] as usize]);
+                Triangle::new(corners, index as u32, t as u32, cutout)
+            })
+    };
+    parts.par_iter().flat_map(of_part).collect()
+}
+
 impl Scene {
     /// `casters`: one a instance, zero leaves the instance out; empty: all are in.
     pub fn build(data: Arc<Data>, origin: [f64; 3], casters: &[u8]) -> Result<Self, &'static str> {
@@ -128,7 +150,7 @@ impl Scene {
             flattened[mesh] = users[mesh] == 1 || sum <= FLAT_BUDGET;
         }
 
-        let mut flat = Vec::new();
+        let mut parts = Vec::new();
         let mut trees = Vec::new();
         let mut tree_of_mesh: Vec<Option<(usize, [f64; 3])>> = vec![None; users.len()];
         let mut placed = Vec::new();
@@ -144,16 +166,7 @@ impl Scene {
             let mesh = &data.meshes[instance.mesh];
             if flattened[instance.mesh] {
                 let cutout = is_cut_out(&data, instance);
-                let points: Vec<[f64; 3]> = mesh
-                    .positions
-                    .par_iter()
-                    .map(|p| apply(&matrix, p.map(f64::from)))
-                    .collect();
-                flat.par_extend((0..mesh.triangles.len()).into_par_iter().filter_map(|t| {
-                    let corners =
-                        mesh.triangles[t].map(|c| points[mesh.corner_vertices[c as usize] as usize]);
-                    Triangle::new(corners, index as u32, t as u32, cutout)
-                }));
+                parts.push((index, matrix, cutout));
                 continue;
             }
             let (tree, centre) = *tree_of_mesh[instance.mesh].get_or_insert_with(|| {
@@ -182,6 +195,7 @@ impl Scene {
                 inverse: centred,
             });
         }
+        let flat = flattened_triangles(&data, &parts);
         if flat.len() > MAX_PRIMITIVES || placed.len() > MAX_PRIMITIVES {
             return Err("too many triangles for one tree");
         }
