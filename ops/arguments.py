@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
 from ..addon.core.errors import StrataError
 from ..addon.core.params import ParamSpec
 from ..addon.layers.exr_params import ExrParams
+from ..addon.layers.numbered import Placeholder
 
 MOST_FRAMES = 100_000
 LARGEST_SIDE = 32_768
@@ -21,34 +21,6 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         raise StrataError(message)
-
-
-@dataclass(frozen=True)
-class Placeholder:
-    """A path that may carry the frame number, as `####` in its file name."""
-
-    text: str
-
-    @property
-    def is_numbered(self) -> bool:
-        return "#" in Path(self.text).name
-
-    def beside(self, folder: Path | None) -> Placeholder:
-        """With `//` at its start, as Blender means it: the .blend's folder, None where it was never saved."""
-        if not self.text.startswith("//"):
-            return self
-        if folder is None:
-            raise StrataError(f"'{self.text}' is beside the Blender file, which was never saved")
-        return Placeholder(str(folder / self.text.lstrip("/")))
-
-    def path(self, frame: int) -> Path:
-        """The last run of `#` becomes the frame number, padded with zeros to the run's length."""
-        path = Path(self.text)
-        runs = list(re.finditer("#+", path.name))
-        if not runs:
-            return path
-        start, end = runs[-1].span()
-        return path.with_name(f"{path.name[:start]}{frame:0{end - start}d}{path.name[end:]}")
 
 
 def frames(text: str) -> tuple[int, ...]:

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from pathlib import Path
 
 import bpy
 
 from ..addon.bake import Baked, BakeJob, read_job
-from ..addon.core.errors import Cancelled, StrataError, one_line
+from ..addon.core.errors import Cancelled, one_line
 from ..addon.job import Runner, run_to_end
 from ..addon.layers.exr import check_codec, write_layers
 from ..addon.layers.files import check_writable
 from ..addon.layers.images import fill_images, packed
+from ..addon.layers.numbered import Placeholder
 from ..addon.sequence import sequence_layers
-from ..addon.ui.properties import exr_of, options_of, waits_for_saving
+from ..addon.ui.properties import exr_of, options_of, output_of, waits_for_saving
 from ..addon.ui.registration import Classes
 from ..addon.ui.state import STATE
-from .arguments import Placeholder
 from .planning import nothing_to_bake, read_plan
 from .reported import reported
 from .terminal import time_left
@@ -189,18 +188,6 @@ class STRATA_OT_plan(bpy.types.Operator):
         STATE.show_plan(context.scene.session_uid, graph, memory)
         _redraw(context)
         return {"FINISHED"}
-
-
-def output_of(scene: bpy.types.Scene, text: str) -> Path:
-    """The file that `text` means at the scene's frame. Raises StrataError."""
-    if not text:
-        raise StrataError("no file to write to: name one, or save to images only")
-    if text.startswith("//") and not bpy.data.filepath:
-        raise StrataError(
-            "the output is beside the Blender file, which was never saved: save it, or save to images only"
-        )
-    text = text if text.lower().endswith(".exr") else f"{text}.exr"
-    return Placeholder(bpy.path.abspath(text)).path(scene.frame_current)
 
 
 def _redraw(context) -> None:

@@ -1,22 +1,27 @@
-"""The button that joins baked shadows to a render."""
+"""The buttons that join baked shadows to a render, and take them away again."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 
-from ..addon.core.naming import ENGINE_ID
-from ..addon.layers.compositor import build
+from ..addon.core.errors import StrataError
+from ..addon.layers.compositor import Built, build, take_away
+from ..addon.layers.fitting import unfit_file, unfit_render, unlike
+from ..addon.layers.numbered import Placeholder
+from ..addon.scene.changing import may_change
+from ..addon.scene.light_groups import marked
+from ..addon.ui.properties import output_of
 from ..addon.ui.registration import Classes
-from .arguments import Placeholder
-from .bake import output_of
 from .reported import reported
 
 
 class STRATA_OT_build_compositor(bpy.types.Operator):
-    """Make compositor nodes that load the baked file and multiply the render by its shadows. With light
-    groups each group's image is multiplied by the shadows of its own lights, and the rest of the image stays
-    as it is; without, the whole image by every shadow. Render with the lights' own shadows switched off.
-    Nodes that are there already stay, and get the image with its shadows"""
+    """Put the baked shadows onto the render: make compositor nodes that multiply the light of each lamp by
+    its shadow, give each lamp a light group where it has none, and switch off its own shadow, whose place
+    Strata's takes. Strata goes on baking it. Your own nodes and light groups stay. Undo takes all of it
+    back"""
 
     bl_idname = "strata.build_compositor"
     bl_label = "Build Compositor Nodes"
@@ -31,28 +36,71 @@ class STRATA_OT_build_compositor(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        if context.scene.render.engine == ENGINE_ID:
-            cls.poll_message_set("What Strata renders has its shadows already")
-            return False
-        return True
+        if reason := unfit_render(context.scene):
+            cls.poll_message_set(reason)
+        return not reason
 
     @reported
     def execute(self, context):
         scene = context.scene
         given = self.filepath or scene.strata.output
         path = output_of(scene, given)
-        is_sequence = Placeholder(given).is_numbered and scene.frame_start != scene.frame_end
-        built = build(scene, context.view_layer, path, is_sequence)
-        if built.apart:
-            self.report(
-                {"WARNING"}, f"Not joined, as their lights are in no light group: {', '.join(built.apart)}"
-            )
-        if built.unknown:
-            names = ", ".join(built.unknown)
-            self.report({"WARNING"}, f"Not joined, as no lamp of the scene has them: {names}")
-        self.report({"INFO"}, f"Joined {len(built.joined)} shadows")
+        if reason := unfit_file(scene, path):
+            raise StrataError(reason)
+        frames = _frames(scene, given)
+        built = build(scene, context.view_layer, path, bool(frames), given.startswith("//"))
+        if built.others:
+            self.report({"INFO"}, f"Not joined, as they are no shadows: {', '.join(built.others)}")
+        for warning in unlike(scene, path, frames):
+            self.report({"WARNING"}, warning[0].upper() + warning[1:])
+        for name, reason in built.apart.items():
+            self.report({"WARNING"}, f"Not joined: {name}: {reason}")
+        if built.given_back:
+            self.report({"WARNING"}, f"Cast their own shadows again: {', '.join(built.given_back)}")
+        self.report({"INFO"}, _summary(built))
         return {"FINISHED"}
 
 
-_classes = Classes(STRATA_OT_build_compositor)
+def _frames(scene: bpy.types.Scene, given: str) -> dict[int, Path]:
+    """Files by frame, where each frame has its own; otherwise empty: one file does for all."""
+    placeholder = Placeholder(given)
+    if not placeholder.is_numbered or scene.frame_start == scene.frame_end or not may_change(scene):
+        return {}
+    numbers = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+    whole = Placeholder(bpy.path.abspath(given if given.lower().endswith(".exr") else f"{given}.exr"))
+    return {number: whole.path(number) for number in numbers}
+
+
+def _summary(built: Built) -> str:
+    count = len(built.joined)
+    words = f"Joined {count} shadow{'s' if count != 1 else ''}"
+    if built.apart:
+        words += f", {len(built.apart)} not"
+    if built.switched:
+        words += f"; the lights' own are now off: {', '.join(built.switched)}"
+    return words
+
+
+class STRATA_OT_restore_shadows(bpy.types.Operator):
+    """Switch the lamps' own shadows on again and take away the compositor nodes that stand in for them. Light
+    groups stay"""
+
+    bl_idname = "strata.restore_shadows"
+    bl_label = "Give Lamps Their Shadows Back"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        if not (found := marked(context.scene)):
+            cls.poll_message_set("Every lamp of this scene has its own shadow")
+        return bool(found)
+
+    @reported
+    def execute(self, context):
+        lights = take_away(context.scene)
+        self.report({"INFO"}, f"Cast their own shadows again: {', '.join(lights)}")
+        return {"FINISHED"}
+
+
+_classes = Classes(STRATA_OT_build_compositor, STRATA_OT_restore_shadows)
 register, unregister = _classes.register, _classes.unregister

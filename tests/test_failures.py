@@ -127,7 +127,7 @@ def test_operators_report_unforeseen_errors(scene, monkeypatch, capfd):
 
     monkeypatch.setattr(bake, "read_job", broken)
     monkeypatch.setattr(bake, "read_plan", broken)
-    monkeypatch.setattr(compositor, "build", broken)
+    monkeypatch.setattr(compositor, "unfit_file", broken)
     scene.strata.save_to, scene.strata.output = "IMAGES", "/tmp/x.exr"
     for operator in (bpy.ops.strata.bake, bpy.ops.strata.plan, bpy.ops.strata.build_compositor):
         line = only_line(operator)

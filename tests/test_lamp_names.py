@@ -232,6 +232,7 @@ def test_engine_and_command_agree_on_names(scene, tmp_path):
 
 
 def test_compositor_finds_every_lamp_and_names_the_others(scene, tmp_path, capfd):
+    """Lamps of instances share a light group with others, whichever object is put into it."""
     street(scene)
     for name in ("Lamp.001", "Lamp_001"):
         lamp(name)
@@ -239,6 +240,7 @@ def test_compositor_finds_every_lamp_and_names_the_others(scene, tmp_path, capfd
     scene.strata.save_to, scene.strata.output = "FILE", str(path)
     assert bpy.ops.strata.bake() == {"FINISHED"}
     scene.render.engine = "CYCLES"
+    capfd.readouterr()
     assert bpy.ops.strata.build_compositor() == {"FINISHED"}
     names = {layer.name for layer in read_layers(path).layers}
 
@@ -246,11 +248,39 @@ def test_compositor_finds_every_lamp_and_names_the_others(scene, tmp_path, capfd
         links = bpy.data.node_groups[GROUP_NAME].links
         return {link.from_socket.name for link in links if link.from_node.type == "IMAGE"}
 
-    assert joined() == names
+    def told() -> dict[str, str]:
+        lines = [line.split(": ") for line in capfd.readouterr().out.splitlines()]
+        return {line[2]: line[3] for line in lines if line[1] == "Not joined"}
+
+    (hashed,) = (name for name in names if name.startswith("Soft Shadow Lamp_001 "))
+    assert joined() == {"Soft Shadow Bulb North", "Soft Shadow Lamp_001", hashed}
+    alone = "no object that shows it alone can be put into a light group"
+    assert told() == dict.fromkeys(names - joined(), alone)
     bpy.data.objects["Lamp.001"].name = "Other"
-    (gone,) = (name for name in names if name.startswith("Soft Shadow Lamp_001 "))
-    capfd.readouterr()
     bpy.ops.strata.build_compositor()
-    told = [line for line in capfd.readouterr().out.splitlines() if "no lamp" in line]
-    assert [line.partition(": ")[2].rpartition(": ")[2] for line in told] == [gone]
-    assert joined() == names - {gone}
+    assert told()[hashed] == "no lamp that renders has it"
+    assert joined() == {"Soft Shadow Bulb North", "Soft Shadow Lamp_001"}
+
+
+def test_an_instancer_that_shows_one_lamp_gives_it_its_light_group(scene, tmp_path, capfd):
+    """A street of lanterns, instances of one collection. A surface that shines would be in the group too."""
+    lantern = bpy.data.collections.new("Lantern")
+    bulb = lamp("Bulb", lantern, (0, 0, 3))
+    for name, x in (("West", -1.0), ("East", 1.0)):
+        collection_instance(name, lantern).location = (x, 0, 0)
+    scene.strata.save_to, scene.strata.output = "FILE", str(tmp_path / "baked.exr")
+    bpy.ops.strata.bake()
+    scene.render.engine = "CYCLES"
+    bpy.ops.strata.build_compositor()
+    instancers = [bpy.data.objects[name] for name in ("West", "East")]
+    assert [thing.lightgroup for thing in instancers] == ["Bulb West", "Bulb East"]
+    assert (bulb.lightgroup, bulb.data.use_shadow) == ("", False)
+    bpy.ops.strata.restore_shadows()
+    assert bulb.data.use_shadow
+    glass = plane("Glass", 0.1, 3.2, lantern)
+    glow = bpy.data.materials.new("Glow")
+    glow.node_tree.nodes["Principled BSDF"].inputs["Emission Strength"].default_value = 1.0
+    glass.data.materials.append(glow)
+    with pytest.raises(RuntimeError, match="it shares light group 'Bulb East' with 'East'"):
+        bpy.ops.strata.build_compositor()
+    assert bulb.data.use_shadow

@@ -16,6 +16,7 @@ from ..core.outline import Light, Outline
 from ..effects.registry import EFFECTS
 from ..scene.changing import is_animated, is_surely_hidden
 from ..scene.lamp_names import LampNames, NamedLamp
+from ..scene.own_settings import casts_shadow
 
 COMBINED = "Combined"
 
@@ -74,7 +75,7 @@ def registered(
 
 
 def _may_shadow(named: NamedLamp) -> bool:
-    return named.lamp.data.use_shadow or is_animated(named.lamp.data)
+    return casts_shadow(named.lamp.data) or is_animated(named.lamp.data)
 
 
 def images_of(baked: Baked, outline: Outline, depsgraph: bpy.types.Depsgraph) -> list[PassImage]:

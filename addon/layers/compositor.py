@@ -1,8 +1,8 @@
 """Compositor nodes that put baked shadows onto a render, beside whatever a user's tree does already.
 
-With light groups: image + sum over groups of its image times (its shadows - 1), so that what no group has
-(the sky, emission) stays as it is. Without: the image times all shadows, so that each of them darkens every
-light. Right only for renders whose lights cast no shadows themselves.
+The picture is the image + the sum over light groups of (its image times (its lamp's shadow - 1)), so that
+what no group has (the sky, emission, lamps that are not joined) stays as it is. Of a denoised image the noisy
+one's share is taken: groups are as noisy as that, and noise would stay where a shadow takes most light away.
 """
 
 from __future__ import annotations
@@ -15,48 +15,175 @@ import bpy
 
 from ..core.effect import Blend
 from ..core.errors import StrataError
-from ..core.naming import layer_name
 from ..effects.registry import EFFECTS
-from ..scene.lamp_names import LampNames, NamedLamp
+from ..scene import light_groups
+from ..scene.light_groups import Division
+from .exr_header import ExrHeader, header_of
 
 GROUP_NAME = "Strata Shadows"
+_NOISY = "Noisy Image"  # Cycles' pass beside a denoised image
+_NO_LAMP = "no lamp that renders has it"
 _STEP = 200  # of the grid that nodes are laid out on
+_EFFECTS = {
+    kind.title: effect for effect in EFFECTS for kind in effect.layers if kind.blend == Blend.SCALE_LIGHT
+}
+"""Those that make shadows, by the title of these."""
 
 
 @dataclass(frozen=True)
 class Built:
-    """Shadows by name: what `build` joined, those that it did not, as their lights are in no group, and those
-    that are of no lamp in the scene."""
+    """Layers by name: what `build` joined, and what not and why; `others` are no shadows. Names of lights
+    whose own shadows were switched off, and of those that got theirs back."""
 
     joined: tuple[str, ...]
-    apart: tuple[str, ...]
-    unknown: tuple[str, ...]
+    apart: dict[str, str]
+    others: tuple[str, ...]
+    switched: tuple[str, ...]
+    given_back: tuple[str, ...]
 
 
-def build(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, path: Path, is_sequence: bool) -> Built:
-    """Makes the nodes, or makes them anew where they are already. A user's nodes and links stay: what the
-    Render Layers' image went to now gets it by way of the shadows. Raises StrataError if `path` has none.
+def build(
+    scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, path: Path, is_sequence: bool, is_beside: bool
+) -> Built:
+    """Makes the nodes, or makes them anew where they are already; gives each joined lamp a light group where
+    it has none, and switches its own shadow off. A user's groups, nodes and links stay: what the Render
+    Layers' image went to now gets it by way of the shadows. `is_beside`: the file is looked for beside the
+    Blender file. Raises StrataError, with nothing changed, where nothing can be joined.
     """
-    image = _load(path, is_sequence)
-    tree = scene.compositing_node_group or _new_tree(scene)
-    scene.render.use_compositing = True
-    source = _render_layers(tree, scene, view_layer)
-    inside = bpy.data.node_groups.get(GROUP_NAME) or bpy.data.node_groups.new(
-        GROUP_NAME, "CompositorNodeTree"
+    header = header_of(path)
+    layers = _rendering(scene, view_layer)
+    shadows = {layer: _shadows(header, layer) for layer in layers}
+    division = light_groups.divide(
+        scene, {layer: set(found.values()) for layer, found in shadows.items()}, _idle(header)
     )
-    names = _fill(inside, image, scene, view_layer, source, is_sequence)
-    group = next((node for node in tree.nodes if node.type == "GROUP" and node.node_tree == inside), None)
-    if group is None:
-        group = _insert(tree, source, inside)
-    for socket in group.inputs:
-        tree.links.new(source.outputs[socket.name], socket)
-    return names
+    apart = _apart(shadows, division)
+    if not division.joined:
+        raise StrataError(_nothing(path, apart))
+    made = light_groups.add_groups(division, layers)
+    if lacking := _lacking(scene, layers, division):
+        light_groups.remove_groups(made)
+        raise StrataError(f"{scene.render.engine} renders no light groups: there is no pass '{lacking}'")
+    switched, given_back = light_groups.apply(division, scene)
+    image = _load(path, is_sequence, is_beside)
+    scene.render.use_compositing = True
+    tree = scene.compositing_node_group
+    with_nodes = [layer for layer in layers if tree is not None and _sources(tree, scene, layer)]
+    for layer in with_nodes or layers[:1]:
+        tree = tree or _new_tree(scene, layer)
+        joined = {
+            output: _pass_of(division.joined[lamp].group)
+            for output, lamp in shadows[layer].items()
+            if lamp in division.joined
+        }
+        if joined:
+            _join(tree, scene, layer, image, joined, is_sequence)
+    joined = [name for found in shadows.values() for name, lamp in found.items() if lamp in division.joined]
+    return Built(
+        tuple(dict.fromkeys(joined)),
+        apart,
+        tuple(_others(header, layers)),
+        tuple(switched),
+        tuple(given_back),
+    )
 
 
-def _load(path: Path, is_sequence: bool) -> bpy.types.Image:
-    if not path.is_file():
-        raise StrataError(f"there is no {path}: bake to a file first")
+def take_away(scene: bpy.types.Scene) -> list[str]:
+    """Gives lamps their own shadows back and takes the nodes away that stand in for them; returns names of
+    lights. Light groups stay."""
+    tree = scene.compositing_node_group
+    for node in [] if tree is None else [node for node in tree.nodes if _is_ours(node)]:
+        sources = [link.from_socket for link in node.inputs["Image"].links]
+        for target in [link.to_socket for link in node.outputs["Image"].links]:
+            for source in sources:
+                tree.links.new(source, target)
+        inside = node.node_tree
+        tree.nodes.remove(node)
+        if not inside.users:
+            bpy.data.node_groups.remove(inside)
+    return light_groups.give_back(scene)
+
+
+# What there is to join
+
+
+def _rendering(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> list[bpy.types.ViewLayer]:
+    """View layers that a render makes images of, the one in view first."""
+    if scene.render.use_single_layer:
+        return [view_layer]
+    found = sorted((layer for layer in scene.view_layers if layer.use), key=lambda layer: layer != view_layer)
+    if not found:
+        raise StrataError("no view layer renders")
+    return found
+
+
+def _shadows(header: ExrHeader, view_layer: bpy.types.ViewLayer) -> dict[str, str]:
+    """Lamps' pass names by the names of their shadows."""
+    return {
+        name: name.removeprefix(f"{title} ")
+        for title in _EFFECTS
+        for name in sorted(header.passes.get(view_layer.name, ()))
+        if name.startswith(f"{title} ")
+    }
+
+
+def _others(header: ExrHeader, layers: Iterable[bpy.types.ViewLayer]) -> list[str]:
+    """Layers that are no shadows."""
+    names = {name for layer in layers for name in header.passes.get(layer.name, ())}
+    return sorted(names - {"Combined"} - {name for layer in layers for name in _shadows(header, layer)})
+
+
+def _idle(header: ExrHeader) -> set[str]:
+    """Names of lamps that the bake's plan knew to shadow nothing in view."""
+    what = {entry.get("what", "") for entry in header.json("strata:report").get("left_out", ())}
+    starts = [f"{effect.id} " for effect in _EFFECTS.values()]
+    return {text.removeprefix(start) for text in what for start in starts if text.startswith(start)}
+
+
+def _apart(shadows: dict[bpy.types.ViewLayer, dict[str, str]], division: Division) -> dict[str, str]:
+    """Why shadows of the file are not joined."""
+    found = {name: lamp for names in shadows.values() for name, lamp in names.items()}
+    return {
+        name: division.apart.get(lamp, _NO_LAMP)
+        for name, lamp in found.items()
+        if lamp not in division.joined
+    }
+
+
+def _nothing(path: Path, apart: dict[str, str]) -> str:
+    if not apart:
+        return f"{path.name} has no shadow of a light of this scene"
+    # Of a lamp that is there it helps more to know why.
+    name, reason = min(apart.items(), key=lambda item: item[1] == _NO_LAMP)
+    more = f" ({len(apart) - 1} more cannot be joined either)" if len(apart) > 1 else ""
+    return f"nothing is joined: {name}: {reason}{more}"
+
+
+def _pass_of(group: str) -> str:
+    """Of a light group."""
+    return f"Combined_{group}"
+
+
+def _lacking(scene: bpy.types.Scene, layers: Iterable[bpy.types.ViewLayer], division: Division) -> str:
+    """A pass that the engine should render and does not; empty where it renders them all."""
+    tree = bpy.data.node_groups.new(GROUP_NAME, "CompositorNodeTree")
+    try:
+        for layer in layers:
+            there = _passes(_new_source(tree, scene, layer))
+            for lamp, joined in division.joined.items():
+                if lamp in division.shown[layer.name] and _pass_of(joined.group) not in there:
+                    return _pass_of(joined.group)
+        return ""
+    finally:
+        bpy.data.node_groups.remove(tree)
+
+
+# Nodes
+
+
+def _load(path: Path, is_sequence: bool, is_beside: bool) -> bpy.types.Image:
     image = bpy.data.images.load(str(path), check_existing=True)
+    if is_beside:
+        image.filepath = bpy.path.relpath(str(path))
     source = "SEQUENCE" if is_sequence else "FILE"
     if image.source != source:
         image.source = source
@@ -65,88 +192,105 @@ def _load(path: Path, is_sequence: bool) -> bpy.types.Image:
     return image
 
 
-def _new_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
+def _new_tree(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> bpy.types.NodeTree:
     """A render that goes out as it comes in."""
     tree = bpy.data.node_groups.new("Compositing", "CompositorNodeTree")
     tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
     output = tree.nodes.new("NodeGroupOutput")
     output.location = (4 * _STEP, 0)
-    layers = tree.nodes.new("CompositorNodeRLayers")
-    tree.links.new(layers.outputs["Image"], output.inputs[0])
+    tree.links.new(_new_source(tree, scene, view_layer).outputs["Image"], output.inputs[0])
     scene.compositing_node_group = tree
     return tree
 
 
-def _render_layers(tree: bpy.types.NodeTree, scene, view_layer) -> bpy.types.Node:
-    for node in tree.nodes:
-        if node.type == "R_LAYERS" and node.scene == scene and node.layer == view_layer.name:
-            return node
+def _new_source(tree: bpy.types.NodeTree, scene, view_layer) -> bpy.types.Node:
     node = tree.nodes.new("CompositorNodeRLayers")
     node.scene, node.layer = scene, view_layer.name
     return node
 
 
-def _insert(tree: bpy.types.NodeTree, source: bpy.types.Node, inside: bpy.types.NodeTree) -> bpy.types.Node:
-    group = tree.nodes.new("CompositorNodeGroup")
+def _sources(tree: bpy.types.NodeTree, scene, view_layer) -> list[bpy.types.Node]:
+    """Nodes that have the render of a view layer."""
+    return [
+        node
+        for node in tree.nodes
+        if node.type == "R_LAYERS" and node.scene == scene and node.layer == view_layer.name
+    ]
+
+
+def _passes(source: bpy.types.Node) -> set[str]:
+    return {output.name for output in source.outputs if output.enabled and not output.is_unavailable}
+
+
+def _is_ours(node: bpy.types.Node) -> bool:
+    return node.type == "GROUP" and node.node_tree is not None and node.node_tree.name.startswith(GROUP_NAME)
+
+
+def _join(
+    tree: bpy.types.NodeTree,
+    scene: bpy.types.Scene,
+    view_layer: bpy.types.ViewLayer,
+    file: bpy.types.Image,
+    joined: dict[str, str],
+    is_sequence: bool,
+) -> None:
+    """`joined`: passes of light groups by the names of the shadows to multiply onto them."""
+    sources = _sources(tree, scene, view_layer)
+    group = next((node for node in tree.nodes if _is_ours(node) and _source_of(node) in sources), None)
+    if group is None:
+        group = _insert(tree, sources)
+    source = _source_of(group)
+    _fill(group.node_tree, file, scene, view_layer, source, joined, is_sequence)
+    for socket in group.inputs:
+        tree.links.new(source.outputs[socket.name], socket)
+
+
+def _source_of(group: bpy.types.Node) -> bpy.types.Node | None:
+    """What renders the image that a group of ours gets."""
+    socket = group.inputs.get("Image")
+    return socket.links[0].from_node if socket is not None and socket.is_linked else None
+
+
+def _insert(tree: bpy.types.NodeTree, sources: list[bpy.types.Node]) -> bpy.types.Node:
+    """A group of no nodes yet, between the image of the sources and what it went to."""
+    inside = bpy.data.node_groups.new(GROUP_NAME, "CompositorNodeTree")
+    _set_sockets(inside, ["Image"])
+    source, group = sources[0], tree.nodes.new("CompositorNodeGroup")
     group.node_tree = inside
     group.name = group.label = GROUP_NAME
     group.width = _STEP
     group.location = (source.location.x + source.width + 0.3 * _STEP, source.location.y + 0.8 * _STEP)
-    for target in [link.to_socket for link in source.outputs["Image"].links]:
+    for target in [link.to_socket for node in sources for link in node.outputs["Image"].links]:
         tree.links.new(group.outputs["Image"], target)
+    tree.links.new(source.outputs["Image"], group.inputs["Image"])
     return group
 
 
-_SHADOWS = [kind.title for effect in EFFECTS for kind in effect.layers if kind.blend == Blend.SCALE_LIGHT]
-
-
-def _shadows(view_layer: bpy.types.ViewLayer, image: bpy.types.Node) -> dict[str, NamedLamp]:
-    """Lamps by the output of the node that has their shadow; also lamps that only an evaluated scene has."""
-    names = LampNames()
-    lamps = {named.pass_name: named for named in names.standing(view_layer)}
-    if view_layer.depsgraph is not None:
-        lamps |= {named.pass_name: named for named in names.shown(view_layer.depsgraph)}
-    found = {layer_name(title, name): lamps[name] for title in _SHADOWS for name in lamps}
-    return {output: named for output, named in found.items() if output in image.outputs}
-
-
-def _fill(tree, file: bpy.types.Image, scene, view_layer, source, is_sequence: bool) -> Built:
-    tree.nodes.clear()
-    image = tree.nodes.new("CompositorNodeImage")
+def _fill(inside, file: bpy.types.Image, scene, view_layer, source, joined, is_sequence: bool) -> None:
+    inside.nodes.clear()
+    image = inside.nodes.new("CompositorNodeImage")
     image.image, image.location = file, (0, -_STEP)
     if image.has_layers:
         image.layer = view_layer.name
     if is_sequence:
         image.frame_duration, image.use_auto_refresh = max(scene.frame_end, 1), True
-    groups: dict[str, list[str]] = {}
-    shadows = _shadows(view_layer, image)
-    for name, named in shadows.items():
-        group = f"Combined_{named.lamp.lightgroup or named.outermost.lightgroup}"
-        groups.setdefault(group if group in source.outputs else "", []).append(name)
-    if not groups:
-        raise StrataError(f"{file.name} has no shadow of a light of this scene")
-    starts = tuple(f"{title} " for title in _SHADOWS)
-    unknown = [o.name for o in image.outputs if o.name.startswith(starts) and o.name not in shadows]
-    apart = groups.pop("", []) if set(groups) != {""} else []
-    _set_sockets(tree, ["Image", *filter(None, groups)])
-    start, end = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
-    result, column = start.outputs["Image"], 1
-    for row, (group, names) in enumerate(groups.items()):
-        shadow = image.outputs[names[0]]
-        for name in names[1:]:
-            column += 1
-            shadow = _math(tree, "MULTIPLY", shadow, image.outputs[name], (column, -row - 1))
-        if not group:
-            result = _mix(tree, "MULTIPLY", result, shadow, (column + 1, 0))
-            continue
-        change = _math(tree, "SUBTRACT", shadow, 1.0, (column + 1, -row - 1))
-        change = _mix(tree, "MULTIPLY", start.outputs[group], change, (column + 2, -row - 1))
-        result = _mix(tree, "ADD", result, change, (column + 3, 0))
-        column += 3
-    tree.links.new(result, end.inputs["Image"])
-    end.location = ((column + 3) * _STEP, 0)
-    joined = tuple(name for names in groups.values() for name in names)
-    return Built(joined, tuple(apart), tuple(unknown))
+    is_denoised = _NOISY in _passes(source)
+    _set_sockets(inside, ["Image", *([_NOISY] if is_denoised else []), *dict.fromkeys(joined.values())])
+    start, end = inside.nodes.new("NodeGroupInput"), inside.nodes.new("NodeGroupOutput")
+    change = None
+    for row, (name, group) in enumerate(joined.items(), start=1):
+        less = _math(inside, "SUBTRACT", image.outputs[name], 1.0, (2, -row))
+        less = _mix(inside, "MULTIPLY", start.outputs[group], less, (3, -row))
+        change = less if change is None else _mix(inside, "ADD", change, less, (3 + row, -row))
+    column = 4 + len(joined)
+    if is_denoised:
+        # Divided by 0 it is 0; of a noisy image that is black no group has anything.
+        change = _mix(inside, "DIVIDE", change, start.outputs[_NOISY], (column, -1))
+        change = _mix(inside, "MULTIPLY", change, start.outputs["Image"], (column + 1, -1))
+        column += 2
+    result = _mix(inside, "ADD", start.outputs["Image"], change, (column, 0))
+    inside.links.new(result, end.inputs["Image"])
+    end.location = ((column + 1) * _STEP, 0)
 
 
 def _set_sockets(tree, inputs: list[str]) -> None:

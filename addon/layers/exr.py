@@ -142,10 +142,14 @@ def _interop_id(layer_set: LayerSet) -> str:
 
 
 def _cut_from(layer_set: LayerSet) -> dict[str, str]:
-    """Where a cropped picture was cut from: the offset of its top left pixel, as OpenEXR counts."""
-    if not layer_set.is_cropped:
+    """Where a cropped picture was cut from: the offset of its top left pixel, as OpenEXR counts. Of a whole
+    frame with a render region, where that lies in it."""
+    if not layer_set.region:
         return {}
-    x0, _, _, y1 = layer_set.region
+    x0, y0, x1, y1 = layer_set.region
+    if not layer_set.is_cropped:
+        place = {"offset": [x0, layer_set.height - y1], "size": [x1 - x0, y1 - y0]}
+        return {"strata:region": to_json(place)}
     width, height = layer_set.frame_size
     return {"strata:cropped_from": to_json({"frame": [width, height], "offset": [x0, height - y1]})}
 

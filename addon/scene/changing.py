@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import bpy
 
@@ -28,6 +28,14 @@ def is_animated(data: bpy.types.ID | None) -> bool:
     return tree is not None and is_animated(tree)
 
 
+def moves(data: bpy.types.ID, path: str) -> bool:
+    """Whether keyframes or drivers move a property of it; an NLA strip may move any."""
+    animation = data.animation_data
+    if animation is None:
+        return False
+    return bool(animation.nla_tracks) or any(curve.data_path == path for curve in _curves(animation))
+
+
 def is_surely_hidden(path: Iterable[bpy.types.Object]) -> bool:
     """Whether an object, or one that shows it, is switched off for renders in every frame."""
     return any(thing.hide_render and not is_animated(thing) for thing in path)
@@ -38,16 +46,18 @@ def settings_may_change(scene: bpy.types.Scene) -> bool:
     animation = scene.animation_data
     if animation is None:
         return False
-    curves = list(animation.drivers)
+    if animation.nla_tracks:
+        return True
+    return any(curve.data_path.startswith("strata") for curve in _curves(animation))
+
+
+def _curves(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
+    yield from animation.drivers
     if animation.action is not None:
-        curves += (
-            curve
-            for layer in animation.action.layers
-            for strip in layer.strips
-            for bag in strip.channelbags
-            for curve in bag.fcurves
-        )
-    return bool(animation.nla_tracks) or any(curve.data_path.startswith("strata") for curve in curves)
+        for layer in animation.action.layers:
+            for strip in layer.strips:
+                for bag in strip.channelbags:
+                    yield from bag.fcurves
 
 
 def may_change(scene: bpy.types.Scene) -> bool:

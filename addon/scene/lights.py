@@ -14,6 +14,7 @@ import numpy as np
 
 from ..core.emitter import Emitter, EmitterKind
 from ..core.outline import Colour, Light
+from .own_settings import casts_shadow
 from .transforms import LARGEST, are_finite, as_vector, matrix_of
 
 # Below this an area light's spread is raised to it: the normalisation 1 / (tan x - x) has no digits left.
@@ -22,9 +23,7 @@ _SMALLEST_SPREAD = math.radians(0.1)
 _LARGEST_SUN_ANGLE = math.radians(179.0)
 
 
-def light_of(
-    light: bpy.types.Light, matrix, name: str, key: str, casts_shadow: bool = True
-) -> tuple[Light | None, list[str]]:
+def light_of(light: bpy.types.Light, matrix, name: str, key: str) -> tuple[Light | None, list[str]]:
     """A light and warnings; None for a light that is left out (the warnings say why)."""
     matrix = matrix_of(matrix)
     if not are_finite(matrix):
@@ -40,7 +39,7 @@ def light_of(
         return None, [f"light '{name}' is left out: its power is not finite"]
     if max(map(abs, intensity)) > LARGEST:
         return None, [f"light '{name}' is left out: its power is more than single precision holds"]
-    return Light(name, key, light.type, emitter, intensity, casts_shadow and light.use_shadow), warnings
+    return Light(name, key, light.type, emitter, intensity, casts_shadow(light)), warnings
 
 
 def _axes(matrix: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray, list[str]]:

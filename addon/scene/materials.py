@@ -57,6 +57,22 @@ def material_of(material: bpy.types.Material, images: Images) -> tuple[Material,
     return read, [*more, *warnings]
 
 
+def may_glow(material: bpy.types.Material) -> bool:
+    """Whether a surface of it may shine: by its nodes, linked to anything or not."""
+    trees = [] if material.node_tree is None else [material.node_tree]
+    for tree in trees:
+        for node in tree.nodes:
+            if node.type == "EMISSION":
+                return True
+            strength = node.inputs["Emission Strength"] if node.type == "BSDF_PRINCIPLED" else None
+            if strength is not None and (strength.is_linked or strength.default_value > 0.0):
+                return True
+            group = getattr(node, "node_tree", None)
+            if group is not None and group not in trees:
+                trees.append(group)
+    return False
+
+
 def _has_surface(material: bpy.types.Material) -> bool:
     return _source(material.node_tree.get_output_node("CYCLES").inputs["Surface"])[0] is not None
 

@@ -16,6 +16,18 @@ OWNERS = ("Light", "Object", "Material")
 """Names of Blender's types that have them."""
 
 
+def casts_shadow(light: bpy.types.Light) -> bool:
+    """Whether a light has a shadow for Strata: its own, or one that Strata's compositor nodes put in place of
+    its own, which is switched off."""
+    return light.use_shadow or is_composited(light)
+
+
+def is_composited(light: bpy.types.Light) -> bool:
+    """Whether Strata's compositor nodes give a light its shadow. A shadow of its own that somebody has
+    switched on again goes over that."""
+    return not light.use_shadow and getattr(light, "strata_shadow_composited", False)
+
+
 def own_specs(owner: str) -> dict[Effect, tuple[ParamSpec, ...]]:
     """What one of OWNERS may have of its own, by effect."""
     if owner == "Light":

@@ -9,12 +9,15 @@ import bpy
 
 from .. import preview
 from ..core.effect import Effect
+from ..core.errors import StrataError
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
+from ..layers.fitting import unfit_file, unfit_render
 from ..measure.report import LayerError, NotMeasured, error_of, words_of
 from ..measure.verdict import advice, between, percent
+from ..scene.light_groups import marked
 from . import plot
-from .properties import waits_for_saving
+from .properties import output_of, waits_for_saving
 from .rows import parameters
 from .state import STATE, PlanRow
 
@@ -214,7 +217,25 @@ def result(layout: bpy.types.UILayout, context) -> None:
             _layer_result(grid, context, layer, numbers)
     for warning in report["warnings"]:
         text(layout, context, warning, "ERROR")
-    layout.operator("strata.build_compositor", icon="NODE_COMPOSITING")
+    compositor_button(layout, context)
+
+
+def compositor_button(layout: bpy.types.UILayout, context) -> None:
+    """With the reason where it cannot be pressed."""
+    scene = context.scene
+    try:
+        reason = unfit_render(scene) or unfit_file(scene, output_of(scene, scene.strata.output))
+    except StrataError as error:
+        reason = str(error)
+    if waits_for_saving(scene):
+        reason = "Compositor nodes read the baked file: save this Blender file, then bake again"
+    row = layout.row()
+    row.enabled = not reason
+    row.operator("strata.build_compositor", icon="NODE_COMPOSITING")
+    if reason:
+        text(layout, context, reason[0].upper() + reason[1:], "INFO")
+    if marked(scene):
+        layout.operator("strata.restore_shadows", icon="LOOP_BACK")
 
 
 def _layer_result(layout: bpy.types.UILayout, context, layer: dict, numbers: dict[str, int]) -> None:

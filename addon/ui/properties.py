@@ -6,16 +6,19 @@ import zlib
 from collections.abc import Iterable
 from enum import Enum
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import bpy
 
 from ..bake import Options
 from ..core.effect import Effect
+from ..core.errors import StrataError
 from ..core.params import Colour, ParamSpec, in_words
 from ..core.ramp import Ramp
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
+from ..layers.numbered import Placeholder
 from ..scene.own_settings import OWNERS, own_specs, value_of
 from . import migration
 from .preview_settings import StrataPreviewSettings
@@ -65,6 +68,18 @@ def waits_for_saving(scene: bpy.types.Scene) -> bool:
     to until then."""
     settings = scene.strata
     return settings.save_to == "BOTH" and settings.output.startswith("//") and not bpy.data.filepath
+
+
+def output_of(scene: bpy.types.Scene, text: str) -> Path:
+    """The file that `text` means at the scene's frame. Raises StrataError."""
+    if not text:
+        raise StrataError("no file to write to: name one, or save to images only")
+    if text.startswith("//") and not bpy.data.filepath:
+        raise StrataError(
+            "the output is beside the Blender file, which was never saved: save it, or save to images only"
+        )
+    text = text if text.lower().endswith(".exr") else f"{text}.exr"
+    return Placeholder(bpy.path.abspath(text)).path(scene.frame_current)
 
 
 def fill_ramp(ramp: bpy.types.ColorRamp, value: Ramp) -> None:
@@ -275,6 +290,14 @@ def register() -> None:
     for owner, groups in of_owners.items():
         getattr(bpy.types, owner).strata = bpy.props.PointerProperty(type=groups[-1])
     bpy.types.Scene.strata = bpy.props.PointerProperty(type=scene)
+    # Not in `strata`: a library override keeps values, but no groups of them.
+    bpy.types.Light.strata_shadow_composited = bpy.props.BoolProperty(
+        name="Shadow in the Compositor",
+        description="Strata's compositor nodes give this light its shadow, which Strata goes on baking "
+        "though the light's own is switched off. While its own is on, this does not count",
+        options=set(),
+        override={"LIBRARY_OVERRIDABLE"},
+    )
     migration.register()
 
 
@@ -282,7 +305,7 @@ def unregister() -> None:
     if not _registered:
         return
     migration.unregister()
-    del bpy.types.Scene.strata
+    del bpy.types.Scene.strata, bpy.types.Light.strata_shadow_composited
     for owner in OWNERS:
         del getattr(bpy.types, owner).strata
     while _registered:

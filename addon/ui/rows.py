@@ -9,7 +9,7 @@ import bpy
 from ..core.effect import Effect
 from ..core.params import NO_GROUP, Group, ParamSpec
 from ..core.ramp import Ramp
-from ..scene.own_settings import own_specs
+from ..scene.own_settings import casts_shadow, is_composited, own_specs
 from .properties import limit_name
 
 
@@ -94,7 +94,10 @@ def own_settings(layout: bpy.types.UILayout, data: bpy.types.ID, owner: str, sce
     is_active = data.strata.use_own
     if owner == "Light":
         layout.prop(data, "use_shadow", text="Cast Shadow")
-        is_active = is_active and data.use_shadow
+        if is_composited(data):
+            layout.label(text="Its shadow is put on by compositor nodes", icon="NODE_COMPOSITING")
+            layout.operator("strata.restore_shadows", icon="LOOP_BACK")
+        is_active = is_active and casts_shadow(data)
     for effect, specs in _own(scene, owner).items():
         title = layout.column()
         title.active = is_active
