@@ -14,6 +14,8 @@ import tomllib
 from importlib.util import find_spec
 from pathlib import Path
 
+from docs_html import pages
+
 ROOT = Path(__file__).resolve().parents[1]
 STAGE = ROOT / "build" / "extension"
 DIST = ROOT / "dist"
@@ -24,8 +26,13 @@ SOURCES = (
 )  # fmt: skip
 
 
+def documentation() -> dict[str, str]:
+    """Pages for a browser by their paths in the zip, docs/index.html the first."""
+    return {f"docs/{name}": text for name, text in pages().items()}
+
+
 def source_files(root: Path = ROOT) -> list[str]:
-    """Paths, relative to `root`, of everything in the zip but the manifest and the wheels."""
+    """Paths, relative to `root`, of everything in the zip but the manifest, the wheels and the pages."""
     found = {path for pattern in SOURCES for path in root.glob(pattern)}
     return sorted(path.relative_to(root).as_posix() for path in found)
 
@@ -56,6 +63,10 @@ def stage() -> Path:
     for path in paths:
         (STAGE / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / path, STAGE / path)
+    for path, text in documentation().items():
+        (STAGE / path).parent.mkdir(parents=True, exist_ok=True)
+        (STAGE / path).write_text(text, encoding="utf-8")
+        paths.append(path)
     wheels = [f"./wheels/{stage_wheel(STAGE / 'wheels')}"]
     # A top-level key has to come before the manifest's tables; JSON's lists of strings are TOML's too.
     manifest = (ROOT / "blender_manifest.toml").read_text(encoding="utf-8")

@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from docs_html import pages
 from effect_docs import FOLDER, page
 from strata.addon.effects.registry import EFFECTS
 
@@ -31,6 +32,22 @@ def test_links_lead_somewhere(document):
     for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", path.read_text(encoding="utf-8")):
         if not target.startswith(("http://", "https://", "mailto:")):
             assert (path.parent / target).exists(), f"{document}: {target}"
+
+
+def test_pages_for_a_browser_link_to_each_other():
+    """What the extension carries needs no network and no repository."""
+    made = pages()
+    assert len(made) > 10
+    for name, text in made.items():
+        assert text.startswith("<!DOCTYPE html>")
+        targets = re.findall(r'href="([^"]+)"', text)
+        assert targets, name
+        for target in targets:
+            page, _, anchor = target.partition("#")
+            assert page in made, f"{name}: {target}"
+            assert not anchor or f'id="{anchor}"' in made[page], f"{name}: {target}"
+        words = re.sub(r"<code>.*?</code>|<pre>.*?</pre>|<style>.*?</style>", "", text, flags=re.DOTALL)
+        assert not re.search(r"\*\*|\]\(|^#|\|--|`", words, re.MULTILINE), f"Markdown is left over in {name}"
 
 
 def test_every_dependency_is_accounted_for():

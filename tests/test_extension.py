@@ -12,7 +12,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from build_extension import source_files
+from build_extension import documentation, source_files
 from exr_layers import read_layers
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -51,7 +51,8 @@ def test_zip_holds_what_belongs_and_nothing_else(archive):
         names = {name for name in opened.namelist() if not name.endswith("/")}
         manifest = tomllib.loads(opened.read("blender_manifest.toml").decode())
     wheels = {name for name in names if name.startswith("wheels/")}
-    assert names - wheels == {*source_files(), "blender_manifest.toml"}
+    pages = set(documentation())
+    assert names - wheels == {*source_files(), *pages, "blender_manifest.toml"}
     assert {f"./{name}" for name in wheels} == set(manifest["wheels"])
     assert [Path(name).name.split("-")[:4] for name in wheels] == [
         ["strata_kernels", manifest["version"], "cp313", "abi3"]
@@ -59,7 +60,7 @@ def test_zip_holds_what_belongs_and_nothing_else(archive):
     listing = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
     ours = subprocess.run(listing, cwd=ROOT, capture_output=True, text=True).stdout.split()
     if ours:  # a source archive has no repository
-        assert names - wheels <= set(ours), "the zip holds a file that the repository ignores"
+        assert names - wheels - pages <= set(ours), "the zip holds a file that the repository ignores"
 
 
 def test_kernels_name_no_folder_of_whoever_built_them(archive):
