@@ -8,12 +8,12 @@ def _modules() -> tuple:
     from .addon import preview
     from .addon.devices import start as devices
     from .addon.engine import engine
-    from .addon.ui import panels, properties
+    from .addon.ui import panels, preferences, properties
     from .ops import bake, command, compositor, ramp
     from .ops import preview as preview_operators
 
     operators = bake, compositor, preview_operators, ramp
-    return devices, properties, preview, engine, *operators, panels, command
+    return devices, preferences, properties, preview, engine, *operators, panels, command
 
 
 def register() -> None:

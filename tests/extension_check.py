@@ -147,6 +147,13 @@ def check(archive: str, scene: str, output: str) -> None:
     assert bpy.ops.strata.bake(filepath=output) == {"FINISHED"}
     made = [image for image in bpy.data.images if image not in images and image.is_float]
     assert made, "no image was made"
+    own = bpy.context.preferences.addons[MODULE].preferences
+    own.backend = "cpu"
+    bpy.context.scene.property_unset("strata")
+    options_of = importlib.import_module(f"{MODULE}.addon.ui.properties").options_of
+    assert options_of(bpy.context.scene).backend == "cpu", "scenes do not take the device of the preferences"
+    assert bpy.ops.strata.documentation.poll(), "there is no documentation to open"
+    own.backend = "auto"
     import strata_kernels
 
     home = os.path.realpath(os.environ["BLENDER_USER_RESOURCES"])

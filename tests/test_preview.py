@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import SAMPLES
 from strata.addon.bake import Options, bake
+from strata.addon.preview import caption
 from strata.addon.preview.budget import Budget
 from strata.addon.preview.session import Session
 from strata.addon.preview.viewport import Viewport
@@ -44,6 +45,7 @@ class Watched:
             ("soft_shadow",), backend, probes=0, composite=True, **{"samples": 1, **options}
         )
         self.session, self.viewport, self.layer = Session(backend), Viewport(), ""
+        self.longest_s = 0.0
         self.depsgraph.update()
 
     @property
@@ -60,7 +62,8 @@ class Watched:
         depsgraph = self.depsgraph
         assert not hides_objects(Space())
         self.session.read(depsgraph, Space(), self.placement(), self.options.seed)
-        if not self.viewport.show(self.session, self.placement(), self.options, self.layer, BUDGET_MS):
+        asked = self.placement(), self.options, self.layer, BUDGET_MS, self.longest_s
+        if not self.viewport.show(self.session, *asked):
             return {}
         ran: dict[str, int] = {}
         for (step, _instance), (_ms, runs) in self.viewport.statistics.steps.items():
@@ -97,6 +100,24 @@ def two_lights(backend: str, **options) -> Watched:
     watched.scene.collection.objects.link(spot)
     bpy.context.view_layer.update()
     return watched
+
+
+def test_refining_stops_at_its_time_limit_after_a_whole_sample():
+    watched = two_lights("cpu", samples=4)
+    watched.longest_s = 1e-6
+    watched.draw()
+    watched.settle()
+    told = watched.viewport.statistics
+    assert (told.samples, told.of_samples, told.is_converged) == (1, 4, False)
+    assert told.is_out_of_time
+    assert "time limit, 1 of 4" in caption.lines(told)[0]
+    first = watched.viewport.picture.pixels.copy()
+    watched.longest_s = 0.0
+    watched.draw()
+    watched.settle()
+    assert watched.viewport.statistics.is_converged
+    assert not watched.viewport.statistics.is_out_of_time
+    assert np.abs(watched.viewport.picture.pixels - first).max() > 0.0
 
 
 @pytest.fixture

@@ -14,8 +14,10 @@ from strata.addon.bake import Options, plan_scene, read_scene
 from strata.addon.effects.registry import EFFECTS, effect_named
 from strata.addon.effects.toon.params import ToonParams
 from strata.addon.measure.report import LayerError, NotMeasured
+from strata.addon.preview.control import preview_options
 from strata.addon.scene.open import choose, open_blend
-from strata.addon.ui import migration, panels, plot
+from strata.addon.ui import migration, panels, plot, preferences
+from strata.addon.ui.preview_settings import frame_budget_ms_of
 from strata.addon.ui.properties import options_of
 from strata.addon.ui.state import STATE, Mark
 
@@ -58,10 +60,10 @@ def test_settings_of_scene_and_light_survive_saving_and_opening(scene, tmp_path)
 
 def test_a_limit_is_switched_on_and_off_by_its_box(scene):
     toon = scene.strata.toon
-    assert not toon.crease_angle_is_limited
-    toon.crease_angle_is_limited = True
+    assert not toon.crease_angle_is_set
+    toon.crease_angle_is_set = True
     assert 0.1 < toon.crease_angle < 3.0
-    toon.crease_angle_is_limited = False
+    toon.crease_angle_is_set = False
     chosen = options_of(scene, effects=("toon",)).chosen()[effect_named("toon")]
     assert chosen.crease_angle == ToonParams().crease_angle
 
@@ -169,6 +171,33 @@ def test_every_choice_can_be_animated():
                 numbers = [item.value for item in found.enum_items]
                 assert len(set(numbers)) == len(numbers)
                 assert all(int(np.float32(n) + np.float32(0.5)) == n for n in numbers), found.identifier
+
+
+# Preferences
+
+
+def test_scenes_take_the_preferences_device_and_budget_unless_they_have_their_own(scene, monkeypatch):
+    assert (options_of(scene).backend, frame_budget_ms_of(scene)) == ("auto", 33.0)  # there are none here
+    monkeypatch.setattr(preferences, "_own", lambda: SimpleNamespace(backend="cpu", frame_budget_ms=50.0))
+    assert (options_of(scene).backend, frame_budget_ms_of(scene)) == ("cpu", 50.0)
+    assert options_of(scene, backend="gpu").backend == "gpu"
+    scene.strata.backend, scene.strata.preview.frame_budget_ms_is_set = "auto", True
+    assert (options_of(scene).backend, frame_budget_ms_of(scene)) == ("auto", 33.0)
+    scene.strata.preview.frame_budget_ms_is_set = False
+    assert frame_budget_ms_of(scene) == 50.0
+
+
+def test_the_preview_has_samples_of_its_own_if_asked(scene):
+    settings = scene.strata
+    settings.samples = 6
+    assert preview_options(scene).samples == 6
+    settings.preview.samples_is_set = True
+    assert settings.preview.samples > 0
+    settings.preview.samples = 6
+    # Nothing else differs, so that where the samples are equal the preview ends at the bake's picture.
+    assert preview_options(scene) == options_of(scene, composite=True, probes=0)
+    settings.preview.samples = 2
+    assert (preview_options(scene).samples, options_of(scene).samples) == (2, 6)
 
 
 # A light's own settings

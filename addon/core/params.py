@@ -72,10 +72,6 @@ class ParamSpec:
     words: dict[str, str] = field(default_factory=dict, hash=False)
     object_only: bool = False
 
-    def is_unlimited(self, value: float) -> bool:
-        """Whether the value stands for no limit."""
-        return bool(self.unlimited) and value >= self.hard[1] * (1.0 - 1e-6)  # Blender keeps it in float32
-
     @property
     def choices(self) -> tuple[str, ...]:
         return tuple(member.value for member in self.kind) if issubclass(self.kind, Enum) else ()

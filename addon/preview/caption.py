@@ -24,6 +24,7 @@ def lines(statistics: Statistics) -> list[str]:
         return [f"Strata: {statistics.message}"]
     if statistics.samples:
         state = "converged" if statistics.is_converged else "refining"
+        state = "at its time limit" if statistics.is_out_of_time else state
         first = f"{state}, {statistics.samples} of {statistics.of_samples} samples"
     else:
         first = f"{statistics.frame_ms:.0f} ms, 1/{round(1.0 / statistics.scale)} resolution"

@@ -8,9 +8,11 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
+from ..bake import Options
 from ..core.errors import StrataError, one_line, told_once
 from ..core.naming import ENGINE_ID
 from ..scene.viewport import hides_objects, placement_of
+from ..ui.preview_settings import frame_budget_ms_of
 from ..ui.properties import options_of
 from . import caption, display, view_transform
 from .session import Session
@@ -104,6 +106,11 @@ def state_of(region: bpy.types.Region) -> Statistics | None:
     return viewport.statistics if viewport else None
 
 
+def preview_options(scene: bpy.types.Scene) -> Options:
+    """The bake's, without measuring, and with the preview's own samples where it has any."""
+    return options_of(scene, composite=True, probes=0, samples=scene.strata.preview.samples or None)
+
+
 def draw(
     context: bpy.types.Context, region: bpy.types.Region | None = None, is_overlay: bool = False
 ) -> None:
@@ -162,13 +169,14 @@ def _picture(context, region, space, region_3d, viewport: Viewport):
     scene, settings = context.scene, context.scene.strata.preview
     depsgraph = context.evaluated_depsgraph_get()
     placement = placement_of(scene, space, region_3d, (region.width, region.height), depsgraph)
-    options = options_of(scene, composite=True, probes=0)
+    options = preview_options(scene)
     key = (scene.session_uid, context.view_layer.name, _own(space), options.backend)
     if key not in _state.sessions:
         _state.sessions[key] = Session(options.backend)
     session = _state.shown[region.as_pointer()] = _state.sessions[key]
     session.read(depsgraph, space, placement, options.seed)
-    is_new = viewport.show(session, placement, options, settings.layer, settings.frame_budget_ms)
+    budget_ms = frame_budget_ms_of(scene)
+    is_new = viewport.show(session, placement, options, settings.layer, budget_ms, settings.longest_s)
     if not is_new and _works_in_draw(session) and viewport.has_work and viewport.wait() == 0.0:
         _advance(scene, region.as_pointer())
     return viewport.picture
@@ -180,7 +188,7 @@ def _works_in_draw(session: Session) -> bool:
 
 def _advance(scene: bpy.types.Scene, pointer: int) -> bool:
     """Refines one region for a slice of the budget; whether it has a new picture."""
-    budget_ms = scene.strata.preview.frame_budget_ms
+    budget_ms = frame_budget_ms_of(scene)
     return _state.viewports[pointer].advance(1e-3 * budget_ms, _state.shown[pointer].version, budget_ms)
 
 

@@ -34,9 +34,8 @@ class Statistics:
     """Of what a viewport shows. `frame_ms`: from the change to the picture. `steps`: milliseconds and runs by
     step and instance, of the last frame, or of the refinement so far. `ran`: how many nodes that were.
     `noise`: estimated distance to a picture of any number of samples, as a share of its brightness
-    (`estimate.py`);
-    `message` stands for a picture where there is none, and `has_failed` says that it ought to be there;
-    `layers` names what could be shown."""
+    (`estimate.py`); `is_out_of_time`: it is not refined any further; `message` stands for a picture where
+    there is none, and `has_failed` says that it ought to be there; `layers` names what could be shown."""
 
     frame_ms: float = 0.0
     scale: float = 1.0
@@ -45,6 +44,7 @@ class Statistics:
     of_samples: int = 0
     noise: float | None = None
     is_converged: bool = False
+    is_out_of_time: bool = False
     ran: int = 0
     steps: dict[tuple[str, str], tuple[float, int]] = field(default_factory=dict)
     message: str = ""
@@ -86,10 +86,17 @@ class Viewport:
         self._refined_graph: Graph | None = None
 
     def show(
-        self, session: Session, placement: Placement, options: Options, layer: str, budget_ms: float
+        self,
+        session: Session,
+        placement: Placement,
+        options: Options,
+        layer: str,
+        budget_ms: float,
+        longest_s: float = 0.0,
     ) -> bool:
-        """Makes a frame if anything has changed since the last; whether it did."""
-        asked = (session.version, placement, options, layer)
+        """Makes a frame if anything has changed since the last; whether it did. Its refinement ends with the
+        first sample that is done after `longest_s`; 0: with the last one."""
+        asked = (session.version, placement, options, layer, longest_s)
         if asked == self._asked:
             return False
         self._asked = asked
@@ -97,7 +104,7 @@ class Viewport:
         self._frame(session, placement, options, layer, budget_ms)
         self._changed_at = time.monotonic()
         self._pause = min(max(STILL_SECONDS, BREAK * (self._changed_at - before)), LONGEST_BREAK_SECONDS)
-        self._work = self._still(session, placement, options, layer)
+        self._work = self._still(session, placement, options, layer, longest_s)
         return True
 
     @property
@@ -177,9 +184,11 @@ class Viewport:
         width, height = outline.computed_size
         return replace(graph, layers=(layer,)), layer, Chunk(width, height, 0, height, 0, (0.0, 0.0))
 
-    def _still(self, session: Session, placement: Placement, options: Options, name: str) -> Iterator[None]:
+    def _still(
+        self, session: Session, placement: Placement, options: Options, name: str, longest_s: float
+    ) -> Iterator[None]:
         """First the bake's picture, to the last bit; then what the next movement will want to find."""
-        refined = yield from self._refined(session, placement, options, name)
+        refined = yield from self._refined(session, placement, options, name, longest_s)
         prepared = self._moving(session, placement, options, name)
         if refined is None or prepared is None:
             return
@@ -190,7 +199,7 @@ class Viewport:
             yield
 
     def _refined(
-        self, session: Session, placement: Placement, options: Options, name: str
+        self, session: Session, placement: Placement, options: Options, name: str, longest_s: float
     ) -> Generator[None, None, Graph | None]:
         """The bake, but for its measurement: coarse look, plan, sample by sample, their mean shown. Returns
         what ran."""
@@ -226,13 +235,17 @@ class Viewport:
             # Blender's redraws cost as much as a sample: only for what can be seen to differ.
             is_worth = samples == options.samples or samples & (samples - 1) == 0
             is_worth = is_worth or time.perf_counter() - shown > LONGEST_SECONDS_BETWEEN
-            if chunk.y1 == sampling.height and is_worth:
+            is_late = 0.0 < longest_s < time.perf_counter() - started
+            if chunk.y1 == sampling.height and (is_worth or is_late):
                 shown = time.perf_counter()
                 self.picture = Picture(total / np.float32(samples), place, len(layer.channels) > 1)
                 self._count(execution, started)
                 self.statistics.samples, self.statistics.of_samples = samples, options.samples
                 self.statistics.noise = sampling_noise(total, squares, samples, options.samples)
                 self.statistics.is_converged = samples == options.samples
+                if is_late and samples < options.samples:
+                    self.statistics.is_out_of_time = True
+                    break
             yield
         return graph
 

@@ -16,7 +16,7 @@ from ..layers.fitting import unfit_file, unfit_render
 from ..measure.report import LayerError, NotMeasured, error_of, words_of
 from ..measure.verdict import advice, between, percent
 from ..scene.light_groups import marked
-from . import plot
+from . import boxes, plot
 from .properties import output_of, waits_for_saving
 from .rows import parameters
 from .state import STATE, PlanRow
@@ -64,8 +64,11 @@ def preview_switch(layout: bpy.types.UILayout, context) -> None:
 
 def preview_settings(layout: bpy.types.UILayout, context) -> None:
     settings = context.scene.strata.preview
-    layout.prop(settings, "frame_budget_ms")
-    layout.prop(settings, "show_statistics")
+    column = layout.column()
+    boxes.row(column, settings, "samples", "As the bake")
+    boxes.row(column, settings, "longest_s", "Unlimited")
+    boxes.row(column, settings, "frame_budget_ms", "Preferences")
+    column.prop(settings, "show_statistics")
 
 
 def preview_layers(layout: bpy.types.UILayout, context) -> None:

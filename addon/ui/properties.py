@@ -20,7 +20,8 @@ from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
 from ..layers.numbered import Placeholder
 from ..scene.own_settings import OWNERS, own_specs, value_of
-from . import migration
+from . import migration, preferences
+from .boxes import box, box_name
 from .preview_settings import StrataPreviewSettings
 
 _FLOAT_LIMIT = 3.4e38  # of float32, which Blender keeps properties in
@@ -48,7 +49,7 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
         values[effect_id] = values.get(effect_id, {}) | given
     options = {
         "effects": tuple(effect.id for effect in EFFECTS if getattr(settings, effect.id).enabled),
-        "backend": settings.backend,
+        "backend": preferences.backend_of(settings),
         "samples": settings.samples,
         # Only a number that somebody set is kept whatever it takes.
         "probes": settings.probes if settings.is_property_set("probes") else None,
@@ -93,11 +94,6 @@ def fill_ramp(ramp: bpy.types.ColorRamp, value: Ramp) -> None:
         element.position, element.color = position, colour
 
 
-def limit_name(spec: ParamSpec) -> str:
-    """Of the box beside a parameter that may have no limit."""
-    return f"{spec.name}_is_limited"
-
-
 def _tooltip(spec: ParamSpec, called: dict[str, str]) -> str:
     """`called`: labels of the parameters that stand beside it."""
     text = spec.doc.rstrip(".")
@@ -129,25 +125,13 @@ def _properties(specs: Iterable[ParamSpec]) -> dict[str, Any]:
     specs = tuple(specs)
     called = {spec.name: spec.label for spec in specs}
     found = {spec.name: _property(spec, _tooltip(spec, called)) for spec in specs}
-    return found | {limit_name(spec): _limit_box(spec) for spec in specs if spec.unlimited}
+    return found | {box_name(spec.name): _limit_box(spec) for spec in specs if spec.unlimited}
 
 
 def _limit_box(spec: ParamSpec):
-    """Whether there is a limit: nothing is kept but the limit itself."""
-
-    def has_limit(group) -> bool:
-        return not spec.is_unlimited(getattr(group, spec.name))
-
-    def set_limit(group, is_limited: bool) -> None:
-        setattr(group, spec.name, 0.5 * spec.soft[1] if is_limited else spec.hard[1])
-
-    return bpy.props.BoolProperty(
-        name=spec.label,
-        description=f"{spec.doc.rstrip('.')}. Off: {spec.unlimited.lower()}",
-        get=has_limit,
-        set=set_limit,
-        options=set(),
-    )
+    """Whether there is a limit."""
+    told = f"{spec.doc.rstrip('.')}. Off: {spec.unlimited.lower()}"
+    return box(spec.name, spec.hard[1], 0.5 * spec.soft[1], spec.label, told)
 
 
 def _property(spec: ParamSpec, tooltip: str):
@@ -225,12 +209,8 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
         "backend": bpy.props.EnumProperty(
             name="Device",
             description="Where the effects run",
-            items=[
-                ("auto", "Automatic", "The GPU where there is one, the CPU otherwise", 0),
-                ("cpu", "CPU", "Rust kernels on all cores", 1),
-                ("gpu", "GPU", "Compute shaders", 2),
-            ],
-            default="auto",
+            items=[*preferences.DEVICES, ("preferences", "Preferences", "What Strata's preferences say", 3)],
+            default="preferences",
         ),
         "samples": bpy.props.IntProperty(
             name="Samples",

@@ -10,7 +10,7 @@ from ..core.effect import Effect
 from ..core.params import NO_GROUP, Group, ParamSpec
 from ..core.ramp import Ramp
 from ..scene.own_settings import casts_shadow, is_composited, own_specs
-from .properties import limit_name
+from . import boxes
 
 
 def parameters(
@@ -41,24 +41,9 @@ def _rows(layout, group, specs: Iterable[ParamSpec], path: str, is_active: bool)
         if spec.kind is Ramp:
             _ramp(row, group, path, spec.name)
         elif spec.unlimited:
-            _limit(row, group, spec)
+            boxes.row(row, group, spec.name, spec.unlimited)
         else:
             row.prop(group, spec.name)
-
-
-def _limit(layout, group, spec: ParamSpec) -> None:
-    """A box for whether there is a limit, and that limit."""
-    row = layout.row(align=True, heading=spec.label)
-    row.use_property_decorate = False
-    row.prop(group, limit_name(spec), text="")
-    value = row.row(align=True)
-    if spec.is_unlimited(getattr(group, spec.name)):
-        value.active = False
-        value.label(text=spec.unlimited)
-        row.label(text="", icon="BLANK1")
-    else:
-        value.prop(group, spec.name, text="")
-        row.prop_decorator(group, spec.name)
 
 
 def _ramp(layout, group, path: str, name: str) -> None:
