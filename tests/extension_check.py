@@ -148,12 +148,11 @@ def check(archive: str, scene: str, output: str) -> None:
     made = [image for image in bpy.data.images if image not in images and image.is_float]
     assert made, "no image was made"
     own = bpy.context.preferences.addons[MODULE].preferences
-    own.backend = "cpu"
-    bpy.context.scene.property_unset("strata")
+    own.backend, settings.backend = "cpu", "preferences"
     options_of = importlib.import_module(f"{MODULE}.addon.ui.properties").options_of
     assert options_of(bpy.context.scene).backend == "cpu", "scenes do not take the device of the preferences"
     assert bpy.ops.strata.documentation.poll(), "there is no documentation to open"
-    own.backend = "auto"
+    own.backend, settings.backend = "auto", "cpu"
     import strata_kernels
 
     home = os.path.realpath(os.environ["BLENDER_USER_RESOURCES"])
