@@ -11,6 +11,7 @@ from ..addon.core.errors import StrataError
 from ..addon.core.params import ParamSpec
 from ..addon.layers.exr_params import ExrParams
 from ..addon.layers.numbered import Placeholder
+from ..addon.layers.paths import NEVER_SAVED, beside, exr_path
 
 MOST_FRAMES = 100_000
 LARGEST_SIDE = 32_768
@@ -113,8 +114,8 @@ def build_parser(needs_scene: bool) -> Parser:
     scene = _scene_flags(needs_scene)
 
     bake = commands.add_parser("bake", parents=[scene], help="bake the layers of a scene into an EXR")
-    bake.add_argument("-o", "--output", required=True, type=Placeholder, metavar="OUT.exr",
-                      help="where to; #### is the frame number")  # fmt: skip
+    bake.add_argument("-o", "--output", required=True, metavar="OUT.exr",
+                      help="where to, a folder too; #### is the frame number")  # fmt: skip
     bake.add_argument("--backend", choices=("auto", "cpu", "gpu"), help="default: the scene's, or auto")
     bake.add_argument("--samples", type=whole_number(1, 4096), metavar="N",
                       help="surfaces per pixel (default: the scene's, or 8)")  # fmt: skip
@@ -123,7 +124,7 @@ def build_parser(needs_scene: bool) -> Parser:
     bake.add_argument(
         "--seed", type=whole_number(0, 0xFFFFFFFF), default=0, metavar="N", help="of the random numbers"
     )
-    bake.add_argument("--report", type=Placeholder, metavar="OUT.json", help="times and errors as JSON")
+    bake.add_argument("--report", metavar="OUT.json", help="times and errors as JSON")
     for spec in ExrParams.specs():
         _add_exr_flag(bake, spec)
     bake.add_argument("-q", "--quiet", action="store_true", help="say nothing but what went wrong")
@@ -160,17 +161,21 @@ def _scene_flags(needs_scene: bool) -> argparse.ArgumentParser:
     return flags
 
 
-def check_outputs(arguments: argparse.Namespace, frame_list: tuple[int, ...]) -> None:
-    """Raises StrataError where outputs would overwrite one another, or the scene."""
-    output, report = arguments.output, arguments.report
-    if Path(output.text).suffix.lower() != ".exr":
-        raise StrataError(f"-o: '{output.text}' does not end in .exr")
+def read_outputs(arguments: argparse.Namespace, frame_list: tuple[int, ...], blend: Path | None) -> None:
+    """Makes placeholders of `output` and `report`; `blend` is the .blend's path. Raises StrataError where
+    outputs would overwrite one another, or the scene."""
+    folder = blend and blend.parent
+    # Names of folders get a number themselves where there are several frames.
+    name = (blend.stem if blend else NEVER_SAVED) + ("_####" if len(frame_list) > 1 else "")
+    arguments.output = output = Placeholder(exr_path(beside(arguments.output, folder), name))
+    report = arguments.report and Placeholder(beside(arguments.report, folder))
+    arguments.report = report
     for flag, target in (("-o", output), ("--report", report)):
         if target and len(frame_list) > 1 and not target.is_numbered:
             raise StrataError(f"{flag}: several frames need #### in '{target.text}' for the frame number")
     if report:
         path = report.path(frame_list[0]).absolute()
-        taken = [output.path(frame_list[0]).absolute()]
+        taken = [output.path(frame_list[0])]
         taken += [Path(arguments.scene_file).absolute()] if arguments.scene_file else []
         if path in taken:
             raise StrataError(f"--report: '{report.text}' is already the name of another file of this bake")

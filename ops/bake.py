@@ -13,12 +13,12 @@ from ..addon.job import Runner, run_to_end
 from ..addon.layers.exr import check_codec, write_layers
 from ..addon.layers.files import check_writable
 from ..addon.layers.images import fill_images, packed
-from ..addon.layers.numbered import Placeholder
 from ..addon.sequence import sequence_layers
-from ..addon.ui.properties import exr_of, options_of, output_of, waits_for_saving
+from ..addon.ui.output import output_of, waits_for_saving
+from ..addon.ui.properties import exr_of, options_of
 from ..addon.ui.registration import Classes
 from ..addon.ui.state import STATE
-from .planning import nothing_to_bake, read_plan
+from .planning import nothing_to_bake, read_plan, room_warning
 from .reported import reported
 from .terminal import time_left
 
@@ -101,11 +101,13 @@ class STRATA_OT_bake(bpy.types.Operator):
         """Reads the scene, on the main thread; None if there is nothing to bake."""
         scene = context.scene
         self._scene_id, self._scene_name = scene.session_uid, scene.name
-        self._warnings = ()  # of the file
+        self._warnings, self._not_written = (), ""  # of the file
+        self._packed: tuple[bytes, ...] = ()
         self._wants_images = scene.strata.save_to != "FILE"
         self._waits = not self.filepath and waits_for_saving(scene)
         has_file = self.filepath or not (self._waits or scene.strata.save_to == "IMAGES")
-        self._path = output_of(scene, self.filepath or scene.strata.output) if has_file else None
+        output = output_of(scene, context.view_layer, self.filepath) if has_file else None
+        self._path = output and output.path(scene.frame_current)
         if self._path:
             check_writable(self._path)
             self._exr = exr_of(scene)
@@ -113,21 +115,27 @@ class STRATA_OT_bake(bpy.types.Operator):
         composite = True if self._path and self._exr.composite else None
         where = scene, context.view_layer, partial(options_of, composite=composite)
         sequence = None
-        if self._path and Placeholder(self.filepath or scene.strata.output).is_numbered:
+        if output and output.is_numbered:
             sequence = sequence_layers(*where, (scene.frame_current,))
         self._job = job = read_job(*where, sequence=sequence or ())
         if reason := nothing_to_bake(job.graph, job.sequence):
             STATE.show_plan(self._scene_id, job.graph)
             self.report({"WARNING"}, reason[0].upper() + reason[1:])
             return None
+        if self._path and (warning := room_warning(self._path, job, self._exr)):
+            self.report({"WARNING"}, warning)
         return job
 
     def _write(self, baked: Baked) -> None:
-        """On the worker thread: nothing of Blender may be touched here."""
-        if self._wants_images:
-            self._packed = packed(baked.layers)
+        """On the worker thread: nothing of Blender may be touched here. A file that cannot be written
+        costs no layer: all go to images then."""
         if self._path and baked.layers.layers:
-            self._warnings = write_layers(self._path, baked.layers, self._exr, baked.composite)
+            try:
+                self._warnings = write_layers(self._path, baked.layers, self._exr, baked.composite)
+            except Exception as error:
+                self._not_written = one_line(error)
+        if self._wants_images or self._not_written:
+            self._packed = packed(baked.layers)
 
     def _finished(self, baked: Baked):
         if not baked.layers.layers:
@@ -135,10 +143,13 @@ class STRATA_OT_bake(bpy.types.Operator):
             return {"CANCELLED"}
         for warning in self._warnings:
             self.report({"WARNING"}, warning)
-        if self._wants_images:
+        if self._packed:
             fill_images(self._scene_name, baked.layers, self._packed)
         STATE.show_plan(self._scene_id, self._job.graph, self._job.memory)
         STATE.show_report(self._scene_id, baked.layers.report)
+        if self._not_written:
+            self.report({"ERROR"}, f"{self._not_written}. The layers are in images of this Blender file")
+            return {"FINISHED"}
         where = f" to {self._path}" if self._path else ""
         if self._waits:
             where = " to images; once this Blender file is saved, also to a file beside it"

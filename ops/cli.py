@@ -16,7 +16,7 @@ from ..addon.core.effect import Effect
 from ..addon.core.errors import Cancelled, StrataError, one_line
 from ..addon.core.params import plain
 from ..addon.effects.registry import EFFECTS
-from .arguments import build_parser, check_outputs, exr_values, nested
+from .arguments import build_parser, exr_values, nested, read_outputs
 from .terminal import Interrupts, Progress, clean_stdout
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
@@ -218,10 +218,7 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     # What can be wrong is found before a large file is opened, and long before the work is done.
     Options(**{name: value for name, value in given.items() if value is not None}).chosen()
     frames = arguments.frames or (0,)
-    folder = _folder_of_scene(arguments)
-    arguments.output = arguments.output.beside(folder)
-    arguments.report = arguments.report and arguments.report.beside(folder)
-    check_outputs(arguments, frames)
+    read_outputs(arguments, frames, _scene_path(arguments))
     _check_targets(arguments, frames)
     with _properties():
         chosen = _open(arguments, interrupts)
@@ -252,12 +249,13 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     return OK
 
 
-def _folder_of_scene(arguments: argparse.Namespace) -> Path | None:
+def _scene_path(arguments: argparse.Namespace) -> Path | None:
+    """None where what is open was never saved."""
     if arguments.scene_file:
-        return Path(arguments.scene_file).absolute().parent
+        return Path(arguments.scene_file).absolute()
     import bpy
 
-    return Path(bpy.data.filepath).parent if bpy.data.filepath else None
+    return Path(bpy.data.filepath) if bpy.data.filepath else None
 
 
 def _check_targets(arguments: argparse.Namespace, frames: tuple[int, ...]) -> None:
@@ -304,12 +302,15 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
     """What is baked of it, None where there is nothing, which is said."""
     from ..addon.bake import read_job
     from ..addon.job import run_to_end
-    from .planning import nothing_to_bake
+    from .planning import nothing_to_bake, room_warning
 
     where = chosen.scene, view_layer, options_of, frame, _camera(chosen), arguments.size
     job = read_job(*where, sequence=sequence, warnings=[*filter(None, [chosen.outside([frame])])])
     baked, reason = None, nothing_to_bake(job.graph, sequence)
     if reason is None:
+        path = arguments.output.path(frame)
+        if (warning := room_warning(path, job, arguments.exr)) and not arguments.quiet:
+            print(f"strata: {title}: {warning}", file=sys.stderr, flush=True)
         progress = Progress(sys.stderr, title, arguments.quiet)
 
         def show(share: float, stage: str) -> None:

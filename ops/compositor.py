@@ -12,7 +12,7 @@ from ..addon.layers.fitting import unfit_file, unfit_render, unlike
 from ..addon.layers.numbered import Placeholder
 from ..addon.scene.changing import may_change
 from ..addon.scene.light_groups import marked
-from ..addon.ui.properties import output_of
+from ..addon.ui.output import output_of
 from ..addon.ui.registration import Classes
 from .reported import reported
 
@@ -43,12 +43,13 @@ class STRATA_OT_build_compositor(bpy.types.Operator):
     @reported
     def execute(self, context):
         scene = context.scene
-        given = self.filepath or scene.strata.output
-        path = output_of(scene, given)
+        is_relative = (self.filepath or scene.strata.output).startswith("//")
+        output = output_of(scene, context.view_layer, self.filepath)
+        path = output.path(scene.frame_current)
         if reason := unfit_file(scene, path):
             raise StrataError(reason)
-        frames = _frames(scene, given)
-        built = build(scene, context.view_layer, path, bool(frames), given.startswith("//"))
+        frames = _frames(scene, output)
+        built = build(scene, context.view_layer, path, bool(frames), is_relative)
         if built.others:
             self.report({"INFO"}, f"Not joined, as they are no shadows: {', '.join(built.others)}")
         for warning in unlike(scene, path, frames):
@@ -61,14 +62,12 @@ class STRATA_OT_build_compositor(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _frames(scene: bpy.types.Scene, given: str) -> dict[int, Path]:
+def _frames(scene: bpy.types.Scene, output: Placeholder) -> dict[int, Path]:
     """Files by frame, where each frame has its own; otherwise empty: one file does for all."""
-    placeholder = Placeholder(given)
-    if not placeholder.is_numbered or scene.frame_start == scene.frame_end or not may_change(scene):
+    if not output.is_numbered or scene.frame_start == scene.frame_end or not may_change(scene):
         return {}
     numbers = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-    whole = Placeholder(bpy.path.abspath(given if given.lower().endswith(".exr") else f"{given}.exr"))
-    return {number: whole.path(number) for number in numbers}
+    return {number: output.path(number) for number in numbers}
 
 
 def _summary(built: Built) -> str:

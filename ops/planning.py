@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
-from ..addon.bake import Options, groups_of, plan_scene
+from ..addon.bake import BakeJob, Options, groups_of, plan_scene
 from ..addon.core.free_memory import held_bytes
 from ..addon.core.graph import Graph
 from ..addon.core.memory import MemoryEstimate
 from ..addon.core.outline import Outline
 from ..addon.core.sequence import SequenceLayer, with_neutral
+from ..addon.layers.exr_params import ExrParams
+from ..addon.layers.files import free_on_disk
 
 
 def read_plan(
@@ -95,6 +98,16 @@ def plan_lines(plan: dict[str, Any]) -> Iterator[str]:
         yield plan["memory"]["sentence"]
     for warning in plan["warnings"]:
         yield f"warning: {warning}"
+
+
+def room_warning(path: Path, job: BakeJob, exr: ExrParams) -> str:
+    """What is to be said before a bake whose file may not fit onto the disk; empty where it surely fits."""
+    width, height = job.outline.size
+    channels = sum(len(layer.channels) for layer in job.graph.layers if layer.effect) + 4 * exr.composite
+    most, free = 4 * width * height * channels, free_on_disk(path)
+    if most <= free:
+        return ""
+    return f"{path} takes up to {most / 1e6:,.0f} MB, and the disk has {free / 1e6:,.0f} MB left"
 
 
 def nothing_to_bake(graph: Graph, sequence: Iterable[SequenceLayer] = ()) -> str | None:

@@ -7,8 +7,8 @@ import pytest
 from exr_layers import read_layers
 from strata.addon.core.errors import StrataError
 from strata.addon.ui import properties
+from strata.addon.ui.output import output_of, waits_for_saving
 from strata.ops import bake
-from strata.ops.bake import output_of
 
 
 @pytest.fixture
@@ -30,14 +30,14 @@ def float_images() -> list[str]:
 
 
 def test_a_file_that_was_never_saved_bakes_to_images(scene):
-    assert properties.waits_for_saving(scene)
+    assert waits_for_saving(scene)
     assert bpy.ops.strata.bake() == {"FINISHED"}
     assert float_images() == ["Soft Shadow Light"]
 
 
 def test_once_saved_the_layers_go_to_a_file_too(scene, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
-    assert not properties.waits_for_saving(scene)
+    assert not waits_for_saving(scene)
     assert bpy.ops.strata.bake() == {"FINISHED"}
     (file,) = tmp_path.glob("*.exr")
     assert [layer.name for layer in read_layers(file).layers] == ["Soft Shadow Light"]
@@ -46,9 +46,9 @@ def test_once_saved_the_layers_go_to_a_file_too(scene, tmp_path):
 
 def test_who_wants_a_file_only_is_told_to_save_first(scene):
     scene.strata.save_to = "FILE"
-    assert not properties.waits_for_saving(scene)
+    assert not waits_for_saving(scene)
     with pytest.raises(StrataError, match="never saved"):
-        output_of(scene, scene.strata.output)
+        output_of(scene, bpy.context.view_layer)
 
 
 @pytest.mark.parametrize("mode", ["EDIT", "SCULPT"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -30,6 +31,15 @@ def check_writable(path: str | Path) -> None:
         raise StrataError(f"cannot write {path}: it is not a regular file")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise StrataError(f"cannot write {path}: the folder {folder} is not writable")
+
+
+def free_on_disk(path: str | Path) -> float:
+    """Bytes that are left where a file is to be; infinite where nobody says."""
+    try:
+        usage = shutil.disk_usage(_there(Path(os.path.realpath(path)).parent))
+        return usage.free if usage.total else float("inf")  # of no disk, as /proc is
+    except OSError:
+        return float("inf")
 
 
 def _there(folder: Path) -> Path:

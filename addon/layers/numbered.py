@@ -6,8 +6,6 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..core.errors import StrataError
-
 
 @dataclass(frozen=True)
 class Placeholder:
@@ -18,14 +16,6 @@ class Placeholder:
     @property
     def is_numbered(self) -> bool:
         return "#" in Path(self.text).name
-
-    def beside(self, folder: Path | None) -> Placeholder:
-        """With `//` at its start, as Blender means it: the .blend's folder, None where it was never saved."""
-        if not self.text.startswith("//"):
-            return self
-        if folder is None:
-            raise StrataError(f"'{self.text}' is beside the Blender file, which was never saved")
-        return Placeholder(str(folder / self.text.lstrip("/")))
 
     def path(self, frame: int) -> Path:
         """The last run of `#` becomes the frame number, padded with zeros to the run's length."""

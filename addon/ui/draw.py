@@ -12,12 +12,13 @@ from ..core.effect import Effect
 from ..core.errors import StrataError
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
+from ..layers.files import check_writable
 from ..layers.fitting import unfit_file, unfit_render
 from ..measure.report import LayerError, NotMeasured, error_of, words_of
 from ..measure.verdict import advice, between, percent
 from ..scene.light_groups import marked
 from . import boxes, plot
-from .properties import output_of, waits_for_saving
+from .output import output_of, waits_for_saving
 from .rows import parameters
 from .state import STATE, PlanRow
 
@@ -108,9 +109,24 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
     column.separator()
     column.prop(settings, "save_to")
     if settings.save_to != "IMAGES":
-        column.prop(settings, "output")
+        output(column, context)
+
+
+def output(layout: bpy.types.UILayout, context) -> None:
+    """The field, and which file that is now, or why none."""
+    row = layout.row()
     if waits_for_saving(context.scene):
-        text(column, context, "This file is not saved yet: layers go to images", "INFO")
+        words, icon = "This file is not saved yet: layers go to images", "INFO"
+    else:
+        try:
+            path = output_of(context.scene, context.view_layer).path(context.scene.frame_current)
+            check_writable(path)
+            words, icon = str(path), "FILE"
+        except StrataError as error:
+            words, icon = str(error)[0].upper() + str(error)[1:], "ERROR"
+    row.alert = icon == "ERROR"
+    row.prop(context.scene.strata, "output")
+    text(layout, context, words, icon)
 
 
 def writes_file(context) -> bool:
@@ -227,7 +243,8 @@ def compositor_button(layout: bpy.types.UILayout, context) -> None:
     """With the reason where it cannot be pressed."""
     scene = context.scene
     try:
-        reason = unfit_render(scene) or unfit_file(scene, output_of(scene, scene.strata.output))
+        path = output_of(scene, context.view_layer).path(scene.frame_current)
+        reason = unfit_render(scene) or unfit_file(scene, path)
     except StrataError as error:
         reason = str(error)
     if waits_for_saving(scene):

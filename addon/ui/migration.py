@@ -40,7 +40,13 @@ def _renumber_choices(stored: Stored) -> None:
                 group[spec.name] &= 0x3FFFFF
 
 
-_STEPS: tuple[Callable[[Stored], None], ...] = (_choose_where_to_save, _renumber_choices)
+def _keep_output(stored: Stored) -> None:
+    """What was the default, so that a compositor's nodes find the file again; braces were only braces."""
+    output = stored.get("output", "//strata_####.exr")
+    stored["output"] = output.replace("{", "{{").replace("}", "}}")
+
+
+_STEPS: tuple[Callable[[Stored], None], ...] = (_choose_where_to_save, _renumber_choices, _keep_output)
 VERSION = len(_STEPS)
 
 
@@ -50,7 +56,7 @@ def migrate(scenes: Iterable[bpy.types.Scene]) -> None:
     for scene in scenes:
         properties = scene.bl_system_properties_get()
         stored = properties.get("strata") if properties else None
-        if stored is None or not scene.is_editable:
+        if not stored or not stored.keys() or not scene.is_editable:
             continue
         for step in _STEPS[stored.get("version", 0) :]:
             step(stored)

@@ -6,22 +6,20 @@ import zlib
 from collections.abc import Iterable
 from enum import Enum
 from itertools import chain
-from pathlib import Path
 from typing import Any
 
 import bpy
 
 from ..bake import Options
 from ..core.effect import Effect
-from ..core.errors import StrataError
 from ..core.params import Colour, ParamSpec, in_words
 from ..core.ramp import Ramp
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
-from ..layers.numbered import Placeholder
 from ..scene.own_settings import OWNERS, own_specs, value_of
 from . import migration, preferences
 from .boxes import box, box_name
+from .output import default_output
 from .preview_settings import StrataPreviewSettings
 
 _FLOAT_LIMIT = 3.4e38  # of float32, which Blender keeps properties in
@@ -62,25 +60,6 @@ def exr_of(scene: bpy.types.Scene, **overrides: Any) -> ExrParams:
     """How the scene wants its EXR; `overrides` go over that, except those that are None."""
     values = {spec.name: getattr(scene.strata.exr, spec.name) for spec in ExrParams.specs()}
     return ExrParams.checked("exr", values | {k: v for k, v in overrides.items() if v is not None})
-
-
-def waits_for_saving(scene: bpy.types.Scene) -> bool:
-    """Whether the file to bake to lies beside a Blender file that was never saved, and there are images to go
-    to until then."""
-    settings = scene.strata
-    return settings.save_to == "BOTH" and settings.output.startswith("//") and not bpy.data.filepath
-
-
-def output_of(scene: bpy.types.Scene, text: str) -> Path:
-    """The file that `text` means at the scene's frame. Raises StrataError."""
-    if not text:
-        raise StrataError("no file to write to: name one, or save to images only")
-    if text.startswith("//") and not bpy.data.filepath:
-        raise StrataError(
-            "the output is beside the Blender file, which was never saved: save it, or save to images only"
-        )
-    text = text if text.lower().endswith(".exr") else f"{text}.exr"
-    return Placeholder(bpy.path.abspath(text)).path(scene.frame_current)
 
 
 def fill_ramp(ramp: bpy.types.ColorRamp, value: Ramp) -> None:
@@ -241,8 +220,13 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
         ),
         "output": bpy.props.StringProperty(
             name="File",
-            description="Multilayer EXR to write; #### is the frame number",
-            default="//strata_####.exr", subtype="FILE_PATH",
+            description="Multilayer EXR to write, or its folder. #### is the frame number; {blend_name}, "
+            "{scene_name}, {view_layer_name}, {camera_name}, {resolution_x}, {resolution_y} and {fps} are "
+            "what they say. Left empty, it is named after the Blender file",
+            subtype="FILE_PATH",
+            # Without SUPPORTS_TEMPLATES: in a property of an extension Blender knows none of these names but
+            # the first, and would mark the field red.
+            get_transform=lambda self, value, is_set: value or default_output(self.id_data),
             options={"OUTPUT_PATH", "PATH_SUPPORTS_BLEND_RELATIVE"},
         ),
     }  # fmt: skip
