@@ -12,12 +12,12 @@ from ..addon.core.errors import Cancelled, one_line
 from ..addon.job import Runner, run_to_end
 from ..addon.layers.exr import check_codec, write_layers
 from ..addon.layers.files import check_writable
-from ..addon.layers.images import fill_images, packed
+from ..addon.layers.images import fill_images, packed, reload_file
 from ..addon.sequence import sequence_layers
 from ..addon.ui.output import output_of, waits_for_saving
 from ..addon.ui.properties import exr_of, options_of
 from ..addon.ui.registration import Classes
-from ..addon.ui.state import STATE
+from ..addon.ui.state import STATE, Made
 from .planning import nothing_to_bake, read_plan, room_warning
 from .reported import reported
 from .terminal import time_left
@@ -65,7 +65,7 @@ class STRATA_OT_bake(bpy.types.Operator):
             if job is None:
                 return {"CANCELLED"}
             self._runner = Runner(job, self._write)
-            STATE.is_baking = True
+            STATE.is_baking, STATE.is_cancelled = True, False
             self._started = time.monotonic()
             manager = context.window_manager
             self._timer = manager.event_timer_add(TIMER_SECONDS, window=context.window)
@@ -80,6 +80,8 @@ class STRATA_OT_bake(bpy.types.Operator):
         if event.type == "ESC" and event.value == "PRESS":
             self._runner.cancel()
             return {"RUNNING_MODAL"}
+        if STATE.is_cancelled:
+            self._runner.cancel()
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
         try:
@@ -145,8 +147,11 @@ class STRATA_OT_bake(bpy.types.Operator):
             self.report({"WARNING"}, warning)
         if self._packed:
             fill_images(self._scene_name, baked.layers, self._packed)
+        if is_written := bool(self._path and not self._not_written):
+            reload_file(self._path)
         STATE.show_plan(self._scene_id, self._job.graph, self._job.memory)
-        STATE.show_report(self._scene_id, baked.layers.report)
+        made = Made(baked.layers.view_layer, self._path if is_written else None, bool(self._packed))
+        STATE.show_report(self._scene_id, baked.layers.report, made)
         if self._not_written:
             self.report({"ERROR"}, f"{self._not_written}. The layers are in images of this Blender file")
             return {"FINISHED"}
@@ -186,6 +191,22 @@ class STRATA_OT_bake(bpy.types.Operator):
         _redraw(context)
 
 
+class STRATA_OT_cancel_bake(bpy.types.Operator):
+    """Stop the bake that is running; nothing of it is written"""
+
+    bl_idname = "strata.cancel_bake"
+    bl_label = "Cancel Bake"
+    bl_options = {"INTERNAL"}
+
+    @classmethod
+    def poll(cls, context):
+        return STATE.is_baking
+
+    def execute(self, context):
+        STATE.is_cancelled = True
+        return {"FINISHED"}
+
+
 class STRATA_OT_plan(bpy.types.Operator):
     """Look through the scene and say which layers a bake would make, and what it would leave out and why"""
 
@@ -211,5 +232,5 @@ def _redraw(context) -> None:
                         region.tag_redraw()
 
 
-_classes = Classes(STRATA_OT_bake, STRATA_OT_plan)
+_classes = Classes(STRATA_OT_bake, STRATA_OT_cancel_bake, STRATA_OT_plan)
 register, unregister = _classes.register, _classes.unregister

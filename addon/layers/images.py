@@ -7,8 +7,11 @@ closed, and undo, which does not cover the pixels of other images reliably, brin
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Iterable, Iterator
 from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core.layers import Layer, LayerSet
@@ -18,6 +21,7 @@ from .exr import layer_attributes
 if TYPE_CHECKING:
     import bpy
 
+_FRAME_NUMBER = re.compile(r"\d+(?=\D*$)")  # the last one of a name, as Blender counts
 MARK = "strata"
 """The custom property of an image of ours: which scene, view layer and layer it is of."""
 
@@ -43,6 +47,38 @@ def image_of(scene: str, view_layer: str, layer: str) -> bpy.types.Image | None:
     found = [image for image, mark in _marked() if mark == wanted]
     # Of a user's copies of it the one that has its name.
     return min(found, key=lambda image: (image.name != layer, image.name), default=None)
+
+
+def file_image(path: Path) -> bpy.types.Image:
+    """An image that shows a file; one that does so already is taken."""
+    import bpy
+
+    shown = (image for image in _images_of_file(path) if image.source == "FILE")
+    return next(shown, None) or bpy.data.images.load(str(path))
+
+
+def reload_file(path: Path) -> None:
+    """For images of a file that was written anew: as one of a sequence, too."""
+    for image in _images_of_file(path):
+        image.reload()
+        image.update_tag()
+
+
+def _images_of_file(path: Path) -> list[bpy.types.Image]:
+    import bpy
+
+    def place(name: str, is_sequence: bool) -> tuple[str, str]:
+        folder, name = os.path.split(os.path.realpath(name))
+        return folder, _FRAME_NUMBER.sub("#", name) if is_sequence else name
+
+    found = []
+    for image in bpy.data.images:
+        if image.source in ("FILE", "SEQUENCE") and image.filepath and image.packed_file is None:
+            name = bpy.path.abspath(image.filepath, library=image.library)
+            is_sequence = image.source == "SEQUENCE"
+            if place(name, is_sequence) == place(str(path), is_sequence):
+                found.append(image)
+    return found
 
 
 def _marked() -> Iterator[tuple[bpy.types.Image, dict[str, str]]]:

@@ -88,7 +88,9 @@ def bake_button(layout: bpy.types.UILayout, context) -> None:
     if STATE.is_baking:
         column = layout.column(align=True)
         column.scale_y = 1.4
-        column.progress(factor=STATE.share, text=STATE.doing)
+        row = column.row(align=True)
+        row.progress(factor=STATE.share, text=STATE.doing)
+        row.operator("strata.cancel_bake", text="", icon="X")
         row = layout.row()
         row.active = False
         row.label(text="Esc cancels", icon="EVENT_ESC")
@@ -231,12 +233,24 @@ def result(layout: bpy.types.UILayout, context) -> None:
         made = [layer for layer in report["layers"] if layer["effect"] == effect.id]
         grid = layout.column(align=True)
         if made:
-            _result_row(grid, 0, effect.title, "Error", "Time", is_active=False)
+            _result_row(grid, "Error", "Time", is_active=False).label(text=effect.title)
         for layer in made:
             _layer_result(grid, context, layer, numbers)
     for warning in report["warnings"]:
         text(layout, context, warning, "ERROR")
+    show_buttons(layout, context)
     compositor_button(layout, context)
+
+
+def show_buttons(layout: bpy.types.UILayout, context) -> None:
+    made = STATE.made.get(context.scene.session_uid)
+    if made is None:
+        return
+    row = layout.row(align=True)
+    row.operator("strata.show_baked", icon="IMAGE_DATA")
+    if made.file:
+        folder = row.operator("wm.path_open", text="Open Folder", icon="FILE_FOLDER")
+        folder.filepath = str(made.file.parent)
 
 
 def compositor_button(layout: bpy.types.UILayout, context) -> None:
@@ -262,7 +276,10 @@ def _layer_result(layout: bpy.types.UILayout, context, layer: dict, numbers: dic
     name, error = layer["name"], error_of(layer.get("error"))
     icon = plot.dot_icon(numbers[name]) if name in numbers else 0
     shown = percent(error.value) if isinstance(error, LayerError) else ""
-    _result_row(layout, icon, layer.get("light") or name, shown, f"{layer['seconds']:.2f} s")
+    row = _result_row(layout, shown, f"{layer['seconds']:.2f} s")
+    light = layer.get("light", "")
+    button = row.operator("strata.show_layer", text=light or name, icon_value=icon, emboss=False)
+    button.layer, button.light = name, light
     if isinstance(error, NotMeasured):
         text(layout, context, f"not measured: {error.why}", "ERROR")
     elif error:
@@ -273,19 +290,19 @@ def _layer_result(layout: bpy.types.UILayout, context, layer: dict, numbers: dic
             text(column, context, lower, "BLANK1")
 
 
-def _result_row(layout, icon: int, name: str, error: str, seconds: str, is_active: bool = True) -> None:
+def _result_row(layout, error: str, seconds: str, is_active: bool = True) -> bpy.types.UILayout:
+    """Where a name goes, before the figures."""
     row = layout.row(align=True)
     row.active = is_active
     split = row.split(factor=0.52)
-    if icon:
-        split.label(text=name, icon_value=icon)
-    else:
-        split.label(text=name)
+    name = split.row()
+    name.alignment = "LEFT"
     figures = split.row()
     for figure in (error, seconds):
         cell = figures.row()
         cell.alignment = "RIGHT"
         cell.label(text=figure)
+    return name
 
 
 def has_marks(context) -> bool:

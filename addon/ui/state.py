@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from ..measure.report import LayerError, error_of
@@ -33,6 +34,15 @@ class Mark:
     error: float
 
 
+@dataclass(frozen=True)
+class Made:
+    """What the last bake of a scene left behind."""
+
+    view_layer: str
+    file: Path | None
+    has_images: bool
+
+
 @dataclass
 class State:
     """Scenes go by their session ids, unique until Blender ends, so that no figure of one scene or file is
@@ -41,9 +51,11 @@ class State:
     is_baking: bool = False
     share: float = 0.0
     doing: str = ""
+    is_cancelled: bool = False  # by the panel's button
     plans: dict[int, tuple[PlanRow, ...]] = field(default_factory=dict)
     memory: dict[int, Any] = field(default_factory=dict)
     reports: dict[int, dict[str, Any]] = field(default_factory=dict)
+    made: dict[int, Made] = field(default_factory=dict)
     marks: dict[int, dict[str, list[Mark]]] = field(default_factory=dict)
     reports_shown: int = 0  # counts up, so that a picture knows that it is old
 
@@ -56,8 +68,11 @@ class State:
         left_out = [PlanRow(entry.effect, entry.light, entry.what, entry.reason) for entry in graph.left_out]
         self.plans[scene] = (*kept, *left_out)
 
-    def show_report(self, scene: int, report: dict[str, Any]) -> None:
-        """The last bake or render of a scene. From any thread."""
+    def show_report(self, scene: int, report: dict[str, Any], made: Made | None = None) -> None:
+        """The last bake or render of a scene; `made` is a bake's. From any thread."""
+        self.made.pop(scene, None)
+        if made:
+            self.made[scene] = made
         self.reports[scene] = report
         marks = self.marks.setdefault(scene, {})
         for layer in report["layers"]:
@@ -67,7 +82,7 @@ class State:
         self.reports_shown += 1
 
     def clear(self) -> None:
-        for shown in (self.plans, self.memory, self.reports, self.marks):
+        for shown in (self.plans, self.memory, self.reports, self.made, self.marks):
             shown.clear()
 
 
