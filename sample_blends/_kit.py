@@ -321,6 +321,18 @@ def statistics():
     return {"triangles": triangles, "drawn": drawn, "digest": digest.hexdigest()[:12]}
 
 
+def opens_with(**effects):
+    """Whoever opens the file looks through its camera, with the sidebar beside it, Strata's preview on and
+    these effects switched on or off. Written as Strata keeps it, so that Strata need not be there."""
+    scene = bpy.context.scene
+    settings = {effect: {"enabled": is_on} for effect, is_on in effects.items()}
+    scene.bl_system_properties_get(do_create=True)["strata"] = {**settings, "preview": {"on_opening": True}}
+    for screen in bpy.data.screens:
+        for space in (area.spaces.active for area in screen.areas if area.type == "VIEW_3D"):
+            space.region_3d.view_perspective = "CAMERA"
+            space.show_region_ui = True
+
+
 def save(path):
     """Purge what nothing uses and save compressed; returns the size in bytes."""
     bpy.data.orphans_purge(do_recursive=True)

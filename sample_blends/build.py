@@ -29,6 +29,7 @@ def build(names):
     print(f"{'scene':<12}{'triangles':>11}{'meshes':>9}{'bytes':>10}  digest")
     for name in names:
         SCENES[name]()
+        kit.opens_with(toon=name == "comic")
         size = kit.save(kit.FOLDER / f"{name}.blend")
         found = kit.statistics()
         print(

@@ -37,6 +37,7 @@ def preview():
 def chart():
     """Squares that glow, a hue for each row and from 1/1024 to 16 from the left to the right, before an
     orthographic camera whose frame they fill; a lamp, since without one there is nothing to bake."""
+    person.opened_plainly(preview())
     scene = bpy.context.scene
     for thing in list(bpy.data.objects):
         bpy.data.objects.remove(thing)

@@ -28,8 +28,9 @@ def float_images() -> list[str]:
     return sorted(image.name for image in bpy.data.images if image.is_float and image.size[0])
 
 
-def prepare():
+def prepare(found: dict):
     """What is not about Strata: a quick image, a quiet window."""
+    found["opens"] = person.opened_plainly(sys.modules[f"{MODULE}.addon.preview"])
     scene = bpy.context.scene
     render = scene.render
     render.resolution_x, render.resolution_y, render.resolution_percentage = *SMALL, 100
@@ -145,7 +146,7 @@ def bake_beside(path: Path):
 def person_at_work(found: dict):
     """What is done; each value is how many seconds to let Blender work."""
     photographs = Path(PHOTOGRAPHS)
-    yield from prepare()
+    yield from prepare(found)
     scene = bpy.context.scene
     scene_id = scene.session_uid
     window, area = person.view_3d()
@@ -231,6 +232,7 @@ def person_at_work(found: dict):
 
     # Saved, opened again.
     scene.strata.samples = 7
+    scene.strata.preview.on_opening = True
     for window in list(bpy.context.window_manager.windows)[1:]:  # where F12 shows its image
         with bpy.context.temp_override(window=window):
             bpy.ops.wm.window_close()
@@ -241,6 +243,7 @@ def person_at_work(found: dict):
     bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)
     yield 2.0
     found["samples after opening"] = bpy.context.scene.strata.samples
+    found["preview after opening"] = sys.modules[f"{MODULE}.addon.preview"].is_on(bpy.context.scene)
 
     bpy.ops.preferences.addon_disable(module=MODULE)
     yield 1.0

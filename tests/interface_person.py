@@ -24,6 +24,17 @@ def view_3d():
     return window, max(areas, key=lambda area: area.width * area.height)
 
 
+def opened_plainly(preview) -> list:
+    """How the file opened: its view, whether the sidebar is there, and whether the preview is on. Then as
+    Blender's own startup file opens, with nothing of that. `preview`: Strata's module."""
+    space = view_3d()[1].spaces.active
+    found = [space.region_3d.view_perspective, space.show_region_ui, preview.is_on()]
+    preview.disable()
+    bpy.context.scene.strata.preview.on_opening = False
+    space.region_3d.view_perspective, space.show_region_ui = "PERSP", False
+    return found
+
+
 def region_of(area, kind: str):
     return next(region for region in area.regions if region.type == kind)
 

@@ -99,6 +99,7 @@ def reports() -> dict:
 
 def settle():
     """Few samples at a small size, with the scene's lamps."""
+    person.opened_plainly(sys.modules["bl_ext.user_default.strata.addon.preview"])
     scene = bpy.context.scene
     scene.render.engine = "STRATA"
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 240, 135, 100

@@ -116,6 +116,10 @@ def person(found):
     scene = bpy.context.scene
     window, area, region = first()
     space = area.spaces.active
+    preview.disable()
+    scene.strata.preview.on_opening = space.show_region_ui = False
+    bpy.ops.wm.save_mainfile()
+    yield 0.5
     space.overlay.show_overlays = space.show_gizmo = False
     space.region_3d.view_perspective = "CAMERA"
     render, settings = scene.render, scene.strata

@@ -88,6 +88,7 @@ def check_a_session(backend, archive, display, tmp_path):
     out = tmp_path / "out.exr"
     found = in_a_window(photographs, backend, archive, display, tmp_path, "interface_drive.py", out)
     layers = [layer.name for layer in read_layers(out).layers]
+    assert found["opens"] == ["CAMERA", True, True]
     assert found["tab"] == "Strata"
     assert {"strata.bake", "strata.plan", "strata.samples"} <= set(found["buttons"])
     before, dragged = found["probes dragged"]
@@ -122,6 +123,7 @@ def check_a_session(backend, archive, display, tmp_path):
     assert set(found["lights"]) >= {name.removeprefix("Soft Shadow ") for name in layers}
     assert found["is saved"]
     assert found["samples after opening"] == 7
+    assert found["preview after opening"]
     assert found["is gone"]
     assert len(list(photographs.glob("*.png"))) == 10
 

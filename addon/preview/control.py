@@ -144,10 +144,14 @@ def failure() -> str:
 
 
 def register() -> None:
-    """Nothing is there before something is to be shown."""
+    """Nothing else is there before something is to be shown."""
+    if _file_opened not in bpy.app.handlers.load_post:
+        bpy.app.handlers.load_post.append(_file_opened)
 
 
 def unregister() -> None:
+    if _file_opened in bpy.app.handlers.load_post:
+        bpy.app.handlers.load_post.remove(_file_opened)
     _state.rendered.clear()
     disable()
 
@@ -315,6 +319,17 @@ def _everything_changed(*_) -> None:
 def _file_closing(*_) -> None:
     _state.rendered.clear()
     disable()
+
+
+@persistent
+@told_once
+def _file_opened(*_) -> None:
+    """Switches on what the file wants to be seen with."""
+    if available():
+        return
+    for window in bpy.context.window_manager.windows:
+        if window.scene.strata.preview.on_opening:
+            enable(window.scene)
 
 
 _HANDLERS = (

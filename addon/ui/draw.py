@@ -70,6 +70,7 @@ def preview_settings(layout: bpy.types.UILayout, context) -> None:
     boxes.row(column, settings, "longest_s", "Unlimited")
     boxes.row(column, settings, "frame_budget_ms", "Preferences")
     column.prop(settings, "show_statistics")
+    column.prop(settings, "on_opening")
 
 
 def preview_layers(layout: bpy.types.UILayout, context) -> None:

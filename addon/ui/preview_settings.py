@@ -46,6 +46,11 @@ class StrataPreviewSettings(bpy.types.PropertyGroup):
         max=1e5,
         soft_max=250.0,
     )
+    on_opening: bpy.props.BoolProperty(
+        name="On Opening",
+        description="The preview is switched on when this file is opened",
+        default=False,
+    )
     show_statistics: bpy.props.BoolProperty(
         name="Statistics",
         description="Frame time, scale, samples and estimated error in a corner of the viewport",

@@ -88,7 +88,7 @@ def opened(path):
     area, region = viewport()
     space = area.spaces.active
     space.overlay.show_overlays = space.show_gizmo = space.show_region_header = False
-    space.show_region_toolbar = False
+    space.show_region_toolbar = space.show_region_ui = False
     space.region_3d.view_perspective = "PERSP"
     space.region_3d.view_matrix = bpy.context.scene.camera.matrix_world.inverted()
     yield 1.0
@@ -166,6 +166,7 @@ def person(found):
     for name, (effects, thing) in OTHERS.items():
         region, space = yield from opened(str(Path(SCENE).with_name(f"{name}.blend")))
         scene = bpy.context.scene
+        preview.disable(scene)  # which the file switches on
         for effect in ("soft_shadow", "volumetric_light", "toon"):
             getattr(scene.strata, effect).enabled = effect in effects
         scene.strata.samples = 2
