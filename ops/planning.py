@@ -115,5 +115,5 @@ def nothing_to_bake(graph: Graph, sequence: Iterable[SequenceLayer] = ()) -> str
     that other frames need."""
     if graph.layers or sequence:
         return None
-    reasons = "; ".join(f"{entry.what}: {entry.reason}" for entry in graph.left_out)
+    reasons = "; ".join(f"{entry.what}: {entry.reason}" for entry in graph.left_out if entry.effect)
     return f"nothing to bake, no file written ({reasons or 'no effect is switched on'})"

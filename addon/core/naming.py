@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 
+MOST_NAMED = 3  # of things that are told of together
 ENGINE_ID = "STRATA"  # of the render engine, in Blender's lists and files
 
 LONGEST = 63  # bytes of UTF-8; Blender cuts there
@@ -40,3 +42,9 @@ def lamp_pass_name(name: str, key: str) -> str:
     """Of a lamp that no other is mistaken for."""
     safe = pass_safe(name)
     return safe if is_short(safe) else hashed(safe, key)
+
+
+def named_some(names: Sequence[str]) -> str:
+    """`'a', 'b', 'c' and 4 more`, for a person."""
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return ", ".join(f"'{name}'" for name in names[:MOST_NAMED]) + more

@@ -330,8 +330,9 @@ class Outline:
     `crop`, in pixels x0, y0, x1, y1 from the bottom left, is the part that the image shows (render region
     with "Crop to Render Region"), and `region` the part of the frame that is computed. `seen`: boxes
     (M, 2, 3) float64 around what a coarse picture of the scene shows, once somebody has taken one;
-    `version` counts changes of what is in the scene while it is watched, as in a viewport; `stamp` is what
-    Blender says of the picture in the header of a render."""
+    `version` counts changes of what is in the scene while it is watched, as in a viewport; `world_light` is
+    the name of a world that sends light; `stamp` is what Blender says of the picture in the header of a
+    render."""
 
     scene_name: str
     view_layer_name: str
@@ -353,6 +354,7 @@ class Outline:
     seen: np.ndarray | None = field(default=None, compare=False)
     version: int = 0
     world_medium: Medium | None = None
+    world_light: str = ""
     stamp: dict[str, str] = field(default_factory=dict, compare=False)
 
     def __post_init__(self):

@@ -7,7 +7,7 @@ from typing import Any
 
 from .effect import Effect, LayerKind
 from .graph import Graph, LeftOut, Node, PlannedLayer, Step
-from .naming import lamp_pass_name, layer_name
+from .naming import lamp_pass_name, layer_name, named_some
 from .outline import Outline
 from .params import Params
 
@@ -146,6 +146,17 @@ def plan(
         else:
             effect.run(recorder, outline, params)
     recorder.effect = recorder.params = None
+    if lamps is None:
+        _note_other_light(recorder, outline)
     for record in more:
         record(recorder, outline)
     return recorder.graph()
+
+
+def _note_other_light(recorder: Recorder, outline: Outline) -> None:
+    """What lights the scene for Blender's own engines, and is no lamp."""
+    if outline.world_light:
+        recorder.left_out(f"world '{outline.world_light}'", "its light is in no layer")
+    glowing = [material.name for material in outline.materials if any(material.emission)]
+    if glowing:
+        recorder.left_out(f"light of materials {named_some(glowing)}", "they glow, but light nothing else")

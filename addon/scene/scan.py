@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -23,6 +25,7 @@ from .simulations import unbaked_simulations
 from .stamp import stamp_of
 from .transforms import are_usable
 from .volumes import volume_of
+from .world_light import gives_light
 
 # Types that would render but are not read; all others without a mesh (empties, armatures, ...) never render.
 _NOT_READ = {
@@ -37,12 +40,18 @@ _NOT_READ = {
 class ScanOptions:
     """`size` in pixels replaces the scene's. `camera` replaces the scene's: an object's name, or a camera
     that is no object (`cameras.viewport_camera`), which has neither render region nor pixel aspect. `shows`,
-    called with an object of the scene, says whether to read it."""
+    called with an object of the scene, says whether to read it. `seconds`: what it may take, None for
+    whatever it takes."""
 
     size: tuple[int, int] | None = None
     camera: str | Camera | None = None
     seed: int = 0
     shows: Callable[[bpy.types.Object], bool] | None = None
+    seconds: float | None = None
+
+
+class TooLong(StrataError):
+    """Reading takes longer than was allowed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +71,30 @@ class Scan:
 
 def scan(depsgraph: bpy.types.Depsgraph, options: ScanOptions = ScanOptions()) -> Scan:
     """Reads everything renderable. In render mode (see `render_depsgraph`) that is what F12 shows, in
-    viewport mode what the viewport shows. Raises StrataError where there is no usable camera."""
+    viewport mode what the viewport shows. Raises StrataError where there is no usable camera, and TooLong."""
     return _Scanner(depsgraph, options).run()
+
+
+def view_of(depsgraph: bpy.types.Depsgraph, options: ScanOptions) -> tuple[dict, list[str]]:
+    """Camera, size and region of an outline, by the names of its fields, and warnings. Raises StrataError
+    where there is no usable camera."""
+    scene, asked = depsgraph.scene_eval, options.camera
+    render = scene.render
+    frame_size = options.size or frame_size_of(render)
+    if isinstance(asked, Camera):
+        return {"camera": asked, "frame_size": frame_size}, []
+    camera = scene.camera if asked is None else bpy.data.objects.get(asked)
+    if camera is None:
+        raise StrataError(f"scene '{scene.name}' has no camera" + (f" '{asked}'" if asked else ""))
+    camera = camera.evaluated_get(depsgraph)
+    view = {
+        "camera": camera_of(camera),
+        "frame_size": frame_size,
+        "pixel_aspect": (render.pixel_aspect_x, render.pixel_aspect_y),
+        "region": region_of(render, frame_size),
+        "crop": render.use_border and render.use_crop_to_border,
+    }
+    return view, camera_warnings(camera, render)
 
 
 @dataclass(eq=False)
@@ -94,8 +125,13 @@ class _Scanner:
 
     def run(self) -> Scan:
         scene = self.depsgraph.scene_eval
-        view = self._view(scene)
+        end = math.inf if self.options.seconds is None else time.perf_counter() + self.options.seconds
+        view, warnings = view_of(self.depsgraph, self.options)
+        for warning in warnings:
+            self._warn(warning)
         for instance in self.depsgraph.object_instances:
+            if time.perf_counter() > end:
+                raise TooLong(f"scene '{scene.name}' takes long to read")
             shown = instance.object
             if not self._is_shown(instance, shown):
                 continue
@@ -130,6 +166,7 @@ class _Scanner:
             working_space=bpy.data.colorspace.working_space,
             seed=self.options.seed,
             world_medium=world_medium,
+            world_light=world.name if world is not None and gives_light(world) else "",
             stamp=stamp_of(scene, view["camera"].name),
             **view,
         )
@@ -152,27 +189,6 @@ class _Scanner:
 
     def _warn(self, warning: str) -> None:
         self.warnings[warning] = None
-
-    def _view(self, scene: bpy.types.Scene) -> dict:
-        """Camera, size and region of the outline."""
-        render, asked = scene.render, self.options.camera
-        frame_size = self.options.size or frame_size_of(render)
-        if isinstance(asked, Camera):
-            return {"camera": asked, "frame_size": frame_size}
-        camera = scene.camera if asked is None else bpy.data.objects.get(asked)
-        if camera is None:
-            raise StrataError(f"scene '{scene.name}' has no camera" + (f" '{asked}'" if asked else ""))
-        camera = camera.evaluated_get(self.depsgraph)
-        read = camera_of(camera)
-        for warning in camera_warnings(camera, render):
-            self._warn(warning)
-        return {
-            "camera": read,
-            "frame_size": frame_size,
-            "pixel_aspect": (render.pixel_aspect_x, render.pixel_aspect_y),
-            "region": region_of(render, frame_size),
-            "crop": render.use_border and render.use_crop_to_border,
-        }
 
     # Meshes
 
