@@ -111,13 +111,13 @@ def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int, lowered_by
     draw.text((x + 16, y + height + 12), _fitted(draw, layer.name, title, width - 130), TEXT, title)
     seconds = f"{layer.seconds:.2f} s"
     draw.text((x + width - 16, y + height + 13), seconds, ACCENT, label_font(20), anchor="ra")
-    for line, text in enumerate(error_lines(layer.error, lowered_by)):
+    for line, text in enumerate(error_lines(layer.error, advice(lowered_by, layer.effect))):
         font = label_font(16)
         text = _fitted(draw, text, font, width - 32)
         draw.text((x + 16, y + height + 44 + 22 * line), text, ACCENT if not line else QUIET, font)
 
 
-def error_lines(error: dict, lowered_by: Sequence[str] = ()) -> tuple[str, str]:
+def error_lines(error: dict, advised: str = "") -> tuple[str, str]:
     """The two caption lines: the error with its interval and how much of it is to be seen; what lowers it, or
     how it was measured."""
     found = error_of(error)
@@ -126,7 +126,7 @@ def error_lines(error: dict, lowered_by: Sequence[str] = ()) -> tuple[str, str]:
     if isinstance(found, NotMeasured):
         return "error not measured", found.why
     value = f"error {percent(found.value)}, {words_of(found)}  (95%: {between(*found.ci95)})"
-    return value, advice(lowered_by) or f"{found.probes} probes · {found.reference}"
+    return value, advised or f"{found.probes} probes · {found.reference}"
 
 
 def _fitted(draw, text: str, font, width: int) -> str:

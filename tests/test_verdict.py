@@ -75,7 +75,9 @@ def test_nothing_is_ever_said_to_have_no_error():
 
 def test_the_preview_says_noise_and_what_lowers_it_once_it_is_done():
     still = Statistics(samples=8, of_samples=8, is_converged=True, noise=0.03)
-    assert caption.lines(still)[1] == "noise 3.0%, visible: lower it with samples"
+    assert caption.lines(still)[1] == "noise 3.0%, visible: lower it with Samples"
+    out_of_time = Statistics(samples=2, of_samples=8, is_out_of_time=True, noise=0.03)
+    assert caption.lines(out_of_time)[1] == "noise 3.0%, visible: lower it with Time Limit"
     refining = Statistics(samples=2, of_samples=8, noise=0.03)
     assert caption.lines(refining)[1] == "noise 3.0%, visible"  # it gets better by itself
 
@@ -94,7 +96,8 @@ def test_settings_that_change_nothing_are_not_advised():
     assert lowered_by(MASK, None) == ("samples",)
     assert lowered_by(SHADOW, None) == ()
     assert advice(()) == ""
-    assert advice(["method=hybrid", "max_samples"]) == "lower it with method hybrid, max samples"
+    assert advice(["method=hybrid", "resolution"], "soft_shadow") == "lower it with Method Hybrid, Map Size"
+    assert advice(["samples"], "toon") == "lower it with Samples"
 
 
 @pytest.mark.parametrize(

@@ -192,7 +192,9 @@ class Params:
         return tuple(
             spec.name
             for spec in self.specs()
-            if spec.trades_time and (spec.hard is None or getattr(self, spec.name) < spec.hard[1])
+            if spec.trades_time
+            and spec.used_when.holds(self.__getattribute__)
+            and (spec.hard is None or getattr(self, spec.name) < spec.hard[1])
         )
 
     def as_dict(self) -> dict[str, Any]:

@@ -322,7 +322,7 @@ def _layer_rows(report: Report) -> list[list[str]]:
 def _notes(layer: LayerReport) -> list[str]:
     if isinstance(layer.error, NotMeasured):
         return wrapped(layer.error.why, f"  {layer.name} is not measured: ")
-    lower = advice(layer.lowered_by)
+    lower = advice(layer.lowered_by, layer.effect)
     return wrapped(lower, f"  {layer.name}: ") if lower else []
 
 

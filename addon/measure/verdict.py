@@ -9,11 +9,13 @@ file that anybody looks at. An eye tells two patches from each other that differ
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from enum import Enum
 
 from ..core.effect import Metric
 from ..core.metrics import WRONG
-from ..core.params import Params
+from ..core.params import Params, ParamSpec, in_words
+from ..effects.registry import effect_named
 
 INVISIBLE_UP_TO = 0.005
 FINE_UP_TO = 0.02
@@ -57,12 +59,21 @@ def lowered_by(metric: str, params: Params | None) -> tuple[str, ...]:
     return params.finer() if params is not None else ()
 
 
-def advice(settings: tuple[str, ...] | list[str]) -> str:
-    """`lower it with method hybrid, resolution`; empty where nothing does."""
+def advice(settings: Sequence[str], effect_id: str = "") -> str:
+    """`lower it with Method Hybrid, Map Size`, as panels call the settings of an effect; empty where nothing
+    does."""
     if not settings:
         return ""
-    words = [name.replace("=", " ").replace("_", " ") for name in settings[:MOST_SETTINGS]]
-    return f"lower it with {', '.join(words)}"
+    specs = {spec.name: spec for spec in effect_named(effect_id).params.specs()} if effect_id else {}
+    return f"lower it with {', '.join(_called(name, specs) for name in settings[:MOST_SETTINGS])}"
+
+
+def _called(setting: str, specs: dict[str, ParamSpec]) -> str:
+    name, _, value = setting.partition("=")
+    if name not in specs:
+        return in_words(name)
+    spec = specs[name]
+    return f"{spec.label} {spec.words.get(value, in_words(value))}".strip()
 
 
 def percent(share: float) -> str:

@@ -39,8 +39,9 @@ def _told_noise(statistics: Statistics) -> str:
     gets better by itself."""
     found = verdict(statistics.noise)
     words = f"noise {percent(statistics.noise)}, {found.value}"
-    if statistics.is_converged and found is not Verdict.INVISIBLE:
-        words += f": {advice(('samples',))}"
+    lower = "samples" if statistics.is_converged else "time_limit" if statistics.is_out_of_time else ""
+    if lower and found is not Verdict.INVISIBLE:
+        words += f": {advice((lower,))}"
     return words
 
 

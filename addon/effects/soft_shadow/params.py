@@ -99,8 +99,8 @@ class SoftShadowParams(Params):
     )
 
     def finer(self) -> tuple[str, ...]:
-        """Rays first, which no map equals; only they read `rays`."""
-        finer = [name for name in super().finer() if name != "rays" or self.method == Method.HYBRID]
+        """Rays first, which no map equals."""
+        finer = list(super().finer())
         if self.method != Method.HYBRID:
             finer.insert(0, "method=hybrid")
         if self.spacing > 1:
