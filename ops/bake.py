@@ -208,16 +208,16 @@ class STRATA_OT_cancel_bake(bpy.types.Operator):
 
 
 class STRATA_OT_plan(bpy.types.Operator):
-    """Look through the scene and say which layers a bake would make, and what it would leave out and why"""
+    """Read the scene as a bake does, and say which layers it makes, and what it leaves out and why"""
 
     bl_idname = "strata.plan"
-    bl_label = "Refresh Plan"
+    bl_label = "Read the Scene"
     bl_options = {"REGISTER"}
 
     @reported
     def execute(self, context):
-        _, graph, memory = read_plan(context.scene, context.view_layer, options_of)
-        STATE.show_plan(context.scene.session_uid, graph, memory)
+        outline, graph, memory = read_plan(context.scene, context.view_layer, options_of)
+        STATE.show_plan(context.scene.session_uid, graph, memory, outline.warnings)
         _redraw(context)
         return {"FINISHED"}
 

@@ -54,6 +54,35 @@ def open_sidebar(area):
     yield 0.5
 
 
+def told_without_asking(found: dict, photographs: Path):
+    """The plan by itself, and what is above everything else, without moving what is below."""
+    scene = bpy.context.scene
+    started = time.monotonic()
+    yield from person.wait(lambda: scene.session_uid in state().plans)
+    found["seconds to plan"] = time.monotonic() - started
+    found["lights listed"] = sorted({row.light for row in state().plans[scene.session_uid] if row.light})
+    yield from person.photograph(photographs, "1 panel")
+    hidden = scene.objects[LIGHT]
+    hidden.hide_set(True)
+    yield from person.wait(lambda: state().warnings.get(scene.session_uid))
+    found["warned"] = state().warnings[scene.session_uid]
+    yield from person.photograph(photographs, "1a warned")
+    hidden.hide_set(False)
+    yield from person.wait(lambda: not state().warnings.get(scene.session_uid))
+
+
+def read_texts(photographs: Path, area):
+    """The preview's lines beside Blender's own, and each without the other."""
+    overlay, settings = area.spaces.active.overlay, bpy.context.scene.strata.preview
+    overlay.show_overlays = True
+    for name, ours, blenders in (("none", 0, 0), ("Blender", 0, 1), ("both", 1, 1), ("Strata", 1, 0)):
+        settings.show_statistics = bool(ours)
+        overlay.show_text = overlay.show_stats = bool(blenders)
+        area.tag_redraw()
+        yield from person.photograph(photographs, f"3a text {name}")
+    settings.show_statistics, overlay.show_text = False, True
+
+
 def converged(region):
     """Until the preview's picture is the bake's."""
 
@@ -99,6 +128,7 @@ def watch_a_light(found: dict, photographs: Path, buttons: dict, area):
     yield from converged(region)
     found["light moved"] = (light.location - before).length
     yield from person.photograph(photographs, "3 light moved")
+    yield from read_texts(photographs, area)
     bake_beside(photographs / "after.exr")
     yield 0.5
     yield from person.click(*buttons["strata.preview"])
@@ -153,12 +183,12 @@ def person_at_work(found: dict):
     yield from open_sidebar(area)
     sidebar = person.region_of(area, "UI")
     found["tab"] = sidebar.active_panel_category
-    yield from person.photograph(photographs, "1 panel")
+    yield from told_without_asking(found, photographs)
     buttons = yield from person.survey(area, sidebar, 0.6)
     buttons = (yield from person.survey(area, sidebar, 0.3)) | buttons  # the preview's switch is on the left
     left = person.HEADER_BOX / sidebar.width
     buttons = (yield from person.survey(area, sidebar, left)) | buttons  # and so are the effects' boxes
-    found["buttons"] = sorted(buttons)
+    found["buttons"], found["bake button"] = sorted(buttons), buttons["strata.bake"]
 
     # A value, by dragging it.
     before = scene.strata.probes

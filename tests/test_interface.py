@@ -20,6 +20,8 @@ PHOTOGRAPHS = TESTS.parent / "out" / "interface"
 # 0.2 s is the promise, which test_job.py times without a window; here the window is drawn in software, and
 # the driver looks again only after each drawing.
 SECONDS_TO_CANCEL = 3.0
+# A second or two on a machine that does nothing else; the scene has 8000 instances.
+SECONDS_TO_PLAN = 10.0
 # A GPU job is worked off on the main thread, and nothing interrupts a call of a GPU in software: 1.9 s were
 # seen on a busy machine. A window that is frozen is so until the render's end.
 SOFTWARE_CALL_SECONDS = 5.0
@@ -90,7 +92,17 @@ def check_a_session(backend, archive, display, tmp_path):
     layers = [layer.name for layer in read_layers(out).layers]
     assert found["opens"] == ["CAMERA", True, True]
     assert found["tab"] == "Strata"
-    assert {"strata.bake", "strata.plan", "strata.samples"} <= set(found["buttons"])
+    assert {"strata.bake", "strata.samples"} <= set(found["buttons"])
+    assert "strata.plan" not in found["buttons"]  # nobody has to ask
+    assert found["seconds to plan"] < SECONDS_TO_PLAN
+    assert set(found["lights listed"]) >= set(found["lights"])
+    assert found["warned"] == ["hidden in the viewport, and baked: 'Sky panel'"]
+    calm, warned = (brightness(photographs / f"1{name}.png") for name in (" panel", "a warned"))
+    x, y = found["bake button"]
+    around = slice(round(900 - y) - 20, round(900 - y) + 20), slice(round(x) - 60, round(x) + 60)
+    assert calm[around].std() > 0.01
+    np.testing.assert_array_equal(calm[around], warned[around])  # it has not moved
+    check_texts(photographs)
     before, dragged = found["probes dragged"]
     assert dragged > before
     assert found["probes undone"] == before
@@ -125,7 +137,26 @@ def check_a_session(backend, archive, display, tmp_path):
     assert found["samples after opening"] == 7
     assert found["preview after opening"]
     assert found["is gone"]
-    assert len(list(photographs.glob("*.png"))) == 10
+    assert len(list(photographs.glob("*.png"))) == 15
+
+
+def check_texts(photographs: Path) -> None:
+    """The preview's lines begin where Blender's end, or where those would begin."""
+    shown = {
+        name: brightness(photographs / f"3a text {name}.png")
+        for name in ("none", "Blender", "both", "Strata")
+    }
+
+    def rows(name: str, other: str) -> np.ndarray:
+        """Where two differ, in the viewport's left part, below its headers."""
+        different = np.abs(shown[name] - shown[other])[70:500, 60:330].max(axis=1) > 0.2
+        return np.flatnonzero(different)
+
+    blenders, ours, alone = rows("Blender", "none"), rows("both", "Blender"), rows("Strata", "none")
+    assert len(ours) > 10
+    # A light is active, which has three rows of statistics less than a mesh: the room for those stays.
+    assert blenders.max() < ours.min() < blenders.max() + 90
+    assert abs(alone.min() - blenders.min()) < 5
 
 
 def check_renders(backend, device, archive, display, tmp_path):

@@ -2,8 +2,8 @@
 
 `enable` and `disable` switch it on and off for a scene, `is_on` tells; `available` says why it cannot work
 here; `draw` puts the picture into the viewport at hand, for the preview's own handler and for the engine, for
-which `follow` and `unfollow` refine it; `state_of` tells what a viewport shows and what it cost, `failure`
-what keeps one from its picture.
+which `follow` and `unfollow` refine it; `state_of` tells what a viewport shows and what it cost, `layers_of`
+what those of a scene could show, `failure` what keeps one from its picture.
 """
 
 from .control import (
@@ -14,6 +14,7 @@ from .control import (
     failure,
     follow,
     is_on,
+    layers_of,
     register,
     state_of,
     unfollow,
@@ -28,6 +29,7 @@ __all__ = [
     "failure",
     "follow",
     "is_on",
+    "layers_of",
     "register",
     "state_of",
     "unfollow",

@@ -111,6 +111,22 @@ def preview_options(scene: bpy.types.Scene) -> Options:
     return options_of(scene, composite=True, probes=0, samples=scene.strata.preview.samples or None)
 
 
+def layers_of(scene: bpy.types.Scene) -> tuple[str, ...]:
+    """What the scene's viewports could show, as their plans say."""
+    if not is_on(scene):
+        return ()
+    told = (
+        viewport.statistics.layers
+        for pointer, viewport in _state.viewports.items()
+        if _state.shown.get(pointer) in _sessions_of(scene)
+    )
+    return tuple(dict.fromkeys(name for names in told for name in names))
+
+
+def _sessions_of(scene: bpy.types.Scene) -> list[Session]:
+    return [session for (uid, *_), session in _state.sessions.items() if uid == scene.session_uid]
+
+
 def draw(
     context: bpy.types.Context, region: bpy.types.Region | None = None, is_overlay: bool = False
 ) -> None:

@@ -31,6 +31,13 @@ class Changes:
     def __bool__(self) -> bool:
         return self.all or bool(self.lights or self.moved or self.reshaped)
 
+    def take(self, other: Changes) -> None:
+        """What `other` tells of too."""
+        self.lights |= other.lights
+        self.moved |= other.moved
+        self.reshaped |= other.reshaped
+        self.all = self.all or other.all
+
     @property
     def is_simple(self) -> bool:
         """Whether `patched` may do."""

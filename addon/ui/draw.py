@@ -74,10 +74,12 @@ def preview_settings(layout: bpy.types.UILayout, context) -> None:
 
 
 def preview_layers(layout: bpy.types.UILayout, context) -> None:
-    """Choices of what to show: the layers that the last look at the scene found."""
-    shown = context.scene.strata.preview.layer
-    names = ["", *(row.what for row in _plan(context) if row.kept)]
-    for name in names if shown in names else [*names, shown]:
+    """Choices of what to show: the layers of the plan, and those that a viewport has found besides, which may
+    look from elsewhere."""
+    scene = context.scene
+    shown = scene.strata.preview.layer
+    planned = (row.what for row in _plan(context) if row.kept)
+    for name in dict.fromkeys(("", *planned, *preview.layers_of(scene), shown)):
         icon = "RADIOBUT_ON" if name == shown else "RADIOBUT_OFF"
         layout.operator("strata.preview_layer", text=name or COMPOSITE, icon=icon).layer = name
 
@@ -147,7 +149,26 @@ def exr_settings(layout: bpy.types.UILayout, context) -> None:
 # Effects
 
 
+def effects(layout: bpy.types.UILayout, context) -> None:
+    """One row, so that the panels below it stay in place: which effects do nothing here, and why."""
+    uid, settings = context.scene.session_uid, context.scene.strata
+    on = [effect for effect in EFFECTS if getattr(settings, effect.id).enabled]
+    idle = {effect.title: reason for effect in on if (reason := STATE.idle_reason(uid, effect.id))}
+    count = sum(row.kept for row in _plan(context))
+    words = f"{count} layers" if count != 1 else "1 layer"
+    if idle:
+        names, reasons = ", ".join(idle), set(idle.values())
+        words = f"{names}: {reasons.pop().partition(':')[0] if len(reasons) == 1 else 'nothing here'}"
+    row = layout.row()
+    row.active = bool(idle) or not on
+    if not on:
+        row.label(text="No effect is switched on", icon="INFO")
+    else:
+        row.label(text=words if uid in STATE.plans else "", icon="INFO" if idle else "BLANK1")
+
+
 def effect_header(layout: bpy.types.UILayout, context, effect: Effect) -> None:
+    layout.active = not STATE.idle_reason(context.scene.session_uid, effect.id)
     layout.prop(getattr(context.scene.strata, effect.id), "enabled", text="")
 
 
@@ -180,8 +201,9 @@ def lights(layout: bpy.types.UILayout, context) -> None:
     names = list(dict.fromkeys(row.light for row in rows))
     for name in names:
         light(layout, context, name, [row for row in rows if row.light == name])
-    word = "Look Again" if names else "Look at the Scene"
-    layout.operator("strata.plan", text=word, icon="VIEWZOOM")
+    if not names and context.scene.session_uid in STATE.plans:
+        layout.label(text="No lamp lights this scene", icon="INFO")
+    left_out(layout, context, [row for row in _plan(context) if not (row.kept or row.effect or row.light)])
     # Below what a mouse may be on its way to.
     if memory := STATE.memory.get(context.scene.session_uid):
         words = memory.shortage or memory.sentence
@@ -237,6 +259,7 @@ def result(layout: bpy.types.UILayout, context) -> None:
             _result_row(grid, "Error", "Time", is_active=False).label(text=effect.title)
         for layer in made:
             _layer_result(grid, context, layer, numbers)
+        _advice(grid, context, effect, made)
     for warning in report["warnings"]:
         text(layout, context, warning, "ERROR")
     show_buttons(layout, context)
@@ -252,6 +275,13 @@ def show_buttons(layout: bpy.types.UILayout, context) -> None:
     if made.file:
         folder = row.operator("wm.path_open", text="Open Folder", icon="FILE_FOLDER")
         folder.filepath = str(made.file.parent)
+
+
+def _advice(layout: bpy.types.UILayout, context, effect: Effect, made: list[dict]) -> None:
+    """What lowers errors that are to be seen, once for all layers that have the same settings."""
+    for lower in dict.fromkeys(advice(layer.get("lowered_by", ()), effect.id) for layer in made):
+        if lower:
+            text(layout, context, lower[0].upper() + lower[1:], "INFO")
 
 
 def compositor_button(layout: bpy.types.UILayout, context) -> None:
@@ -287,8 +317,6 @@ def _layer_result(layout: bpy.types.UILayout, context, layer: dict, numbers: dic
         column = layout.column()
         column.active = False
         text(column, context, f"{words_of(error)} (95% sure: {between(*error.ci95)})", "BLANK1")
-        if lower := advice(layer.get("lowered_by", ())):
-            text(column, context, lower, "BLANK1")
 
 
 def _result_row(layout, error: str, seconds: str, is_active: bool = True) -> bpy.types.UILayout:

@@ -9,7 +9,7 @@ import bpy
 from ..core.effect import Effect
 from ..core.naming import ENGINE_ID
 from ..effects.registry import EFFECTS
-from . import draw, plot, presets, rows
+from . import draw, plot, presets, rows, told, watching
 from .registration import Classes
 from .state import STATE
 
@@ -39,6 +39,7 @@ def _in_both(
     parent: str = "",
     needed: Callable = lambda context: True,
     is_open: bool = False,
+    has_header: bool = True,
 ) -> tuple[type, type]:
     """A panel of the sidebar and its twin in the render properties; `body(layout, context)` draws both."""
 
@@ -50,7 +51,7 @@ def _in_both(
 
     members = {
         "bl_label": label,
-        "bl_options": set() if is_open else {"DEFAULT_CLOSED"},
+        "bl_options": (set() if is_open else {"DEFAULT_CLOSED"}) | (set() if has_header else {"HIDE_HEADER"}),
         "draw": lambda self, context: body(draw.settings_layout(self), context),
     }
     if header:
@@ -94,11 +95,6 @@ class STRATA_MT_preview_layer(bpy.types.Menu):
 
     def draw(self, context):
         draw.preview_layers(self.layout, context)
-
-
-def _effects(layout, context) -> None:
-    if not any(getattr(context.scene.strata, effect.id).enabled for effect in EFFECTS):
-        layout.label(text="No effect is switched on", icon="INFO")
 
 
 def _effect(effect: Effect) -> tuple[type, type]:
@@ -183,11 +179,12 @@ class STRATA_PT_active_light(_OwnSettings, _Sidebar, bpy.types.Panel):
 
 _classes = Classes(
     STRATA_MT_preview_layer,
+    *_in_both("told", "Scene", told.told, is_open=True, has_header=False),
     STRATA_PT_preview,
     STRATA_PT_preview_settings,
     *_in_both("bake", "Bake", _bake, is_open=True),
     *_in_both("exr", "OpenEXR", draw.exr_settings, parent="bake", needed=draw.writes_file),
-    *_in_both("effects", "Effects", _effects, is_open=True),
+    *_in_both("effects", "Effects", draw.effects, is_open=True),
     *(panel for effect in EFFECTS for panel in _effect(effect)),
     *_in_both("lights", "Lights", draw.lights, is_open=True),
     STRATA_PT_active_light,
@@ -206,9 +203,11 @@ def register() -> None:
     plot.register()
     presets.register()
     _classes.register()
+    watching.register()
 
 
 def unregister() -> None:
+    watching.unregister()
     _classes.unregister()
     presets.unregister()
     plot.unregister()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -53,20 +54,46 @@ class State:
     doing: str = ""
     is_cancelled: bool = False  # by the panel's button
     plans: dict[int, tuple[PlanRow, ...]] = field(default_factory=dict)
+    warnings: dict[int, tuple[str, ...]] = field(default_factory=dict)
+    outdated: set[int] = field(default_factory=set)  # scenes that have changed, and take long to read again
     memory: dict[int, Any] = field(default_factory=dict)
     reports: dict[int, dict[str, Any]] = field(default_factory=dict)
     made: dict[int, Made] = field(default_factory=dict)
     marks: dict[int, dict[str, list[Mark]]] = field(default_factory=dict)
     reports_shown: int = 0  # counts up, so that a picture knows that it is old
 
-    def show_plan(self, scene: int, graph, memory=None) -> None:
-        """Of a `core.graph.Graph`, and what baking it takes, a `core.memory.MemoryEstimate`."""
+    def show_plan(self, scene: int, graph, memory=None, warnings: Iterable[str] | None = None) -> None:
+        """Of a `core.graph.Graph`, and what baking it takes, a `core.memory.MemoryEstimate`. `warnings` of
+        reading the scene; None where they are as before."""
+        self.outdated.discard(scene)
         self.memory.pop(scene, None)
         if memory and graph.layers:
             self.memory[scene] = memory
+        if warnings is not None:
+            shortage = [memory.shortage] if memory and memory.shortage else []
+            self.warnings[scene] = (*warnings, *shortage)
         kept = [PlanRow(layer.effect, layer.light, layer.name) for layer in graph.layers if layer.effect]
         left_out = [PlanRow(entry.effect, entry.light, entry.what, entry.reason) for entry in graph.left_out]
         self.plans[scene] = (*kept, *left_out)
+
+    def show_no_plan(self, scene: int, why: str) -> None:
+        """In one line."""
+        self.outdated.discard(scene)
+        self.plans[scene], self.warnings[scene] = (), (why,)
+        self.memory.pop(scene, None)
+
+    def shown(self, scene: int) -> tuple:
+        """All that is said of a scene before a bake: equal while nothing of it has to be drawn again."""
+        told = (each.get(scene) for each in (self.plans, self.warnings, self.memory))
+        return (*told, scene in self.outdated)
+
+    def idle_reason(self, scene: int, effect: str) -> str:
+        """Why an effect that is switched on has no layer here; empty where it has one, or no plan tells."""
+        rows = [row for row in self.plans.get(scene, ()) if row.effect == effect]
+        if any(row.kept for row in rows):
+            return ""
+        reasons = list(dict.fromkeys(row.reason for row in rows if not row.light))
+        return reasons[0] if reasons else "no light needs it" if rows else ""
 
     def show_report(self, scene: int, report: dict[str, Any], made: Made | None = None) -> None:
         """The last bake or render of a scene; `made` is a bake's. From any thread."""
@@ -82,7 +109,16 @@ class State:
         self.reports_shown += 1
 
     def clear(self) -> None:
-        for shown in (self.plans, self.memory, self.reports, self.made, self.marks):
+        shown_all = (
+            self.plans,
+            self.warnings,
+            self.outdated,
+            self.memory,
+            self.reports,
+            self.made,
+            self.marks,
+        )
+        for shown in shown_all:
             shown.clear()
 
 

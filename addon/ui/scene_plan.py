@@ -1,0 +1,117 @@
+"""The plan of a scene that is being worked on, made while nobody renders: read from what the viewport shows.
+
+A bake reads the scene as F12 evaluates it, which starts a render: other add-ons' handlers run, and everything
+is evaluated once more. That is not to happen unasked. What the two see differs in levels of detail, which no
+plan depends on, and in what is hidden from one of them: the switches of rendering are heeded here, and what
+only a bake shows is told.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import bpy
+
+from ..bake import groups_of, plan_scene
+from ..core.errors import StrataError, one_line
+from ..core.free_memory import held_bytes
+from ..scene.render_visibility import rendered_objects, told_hidden
+from ..scene.rescan import Changes, patched
+from ..scene.scan import Scan, ScanOptions, TooLong, scan, view_of
+from ..scene.simulations import unbaked_simulations
+from .properties import options_of
+from .state import STATE
+
+MOST_SECONDS = 2.0  # for reading a scene for the first time; more is only taken when somebody asks
+
+
+class ScenePlan:
+    """What is known of one scene. `changes` are to be told of what Blender tells; `seconds` are what the last
+    plan took. Only on the main thread."""
+
+    def __init__(self):
+        self.changes = Changes(all=True)
+        self.edits = 0
+        self.seconds = 0.0
+        self.is_too_long = False
+        self._scan: Scan | None = None
+        self._content: tuple | None = None
+
+    def note(self, depsgraph: bpy.types.Depsgraph) -> None:
+        """What Blender says in a depsgraph update handler."""
+        fresh = Changes()
+        fresh.add(depsgraph)
+        if fresh:
+            self.changes.take(fresh)
+            self.edits += 1
+
+    def forget(self) -> None:
+        """Anything may have changed."""
+        self.changes.all = True
+        self.edits += 1
+
+    def asked(self, depsgraph: bpy.types.Depsgraph) -> tuple:
+        """All that the plan depends on; equal while it need not be made again."""
+        try:
+            view = view_of(depsgraph, ScanOptions())
+        except StrataError as error:
+            view = str(error)
+        # Blender evaluates settings with the next change of something else; animated ones are in both.
+        return self.edits, view, options_of(depsgraph.scene), self._content_of(depsgraph)
+
+    def make(self, depsgraph: bpy.types.Depsgraph) -> None:
+        """Reads what has changed, plans and shows it."""
+        scene = depsgraph.scene.session_uid
+        started = time.perf_counter()
+        try:
+            outline, warnings = self._read(depsgraph)
+            options = options_of(depsgraph.scene)
+            graph = plan_scene(outline, options)
+            memory = groups_of(outline, graph, options, held_bytes())[1]
+            STATE.show_plan(scene, graph, memory, warnings)
+        except TooLong:
+            self.is_too_long = True
+        except BaseException as error:  # a panic of the kernels is no Exception
+            STATE.show_no_plan(scene, one_line(error))
+        self.seconds = time.perf_counter() - started
+
+    @staticmethod
+    def _content_of(depsgraph: bpy.types.Depsgraph) -> tuple[Any, ...]:
+        """Of what there is; Blender tells of no object that is hidden or shown, nor of frames."""
+        view_layer = depsgraph.view_layer
+        return (
+            view_layer.name,
+            depsgraph.scene.frame_current_final,
+            len(depsgraph.objects),
+            rendered_objects(view_layer),
+        )
+
+    def _read(self, depsgraph: bpy.types.Depsgraph):
+        """The outline, and all that is to be said of it."""
+        content = self._content_of(depsgraph)
+        rendered = content[-1]
+        changes, self.changes = self.changes, Changes()
+        try:
+            view, of_camera = view_of(depsgraph, ScanOptions())
+            outline = None
+            if self._scan is not None and content == self._content:
+                outline = patched(self._scan, changes, depsgraph) if changes else self._scan.outline
+            if outline is None:
+                how = ScanOptions(
+                    camera=view["camera"],
+                    shows=lambda thing: thing.session_uid in rendered,
+                    seconds=None if self._scan else MOST_SECONDS,
+                )
+                # Blender's own data is not to be kept.
+                self._scan = replace(scan(depsgraph, how), mesh_sources=(), image_sources=())
+                outline = self._scan.outline
+        except BaseException:
+            self.changes.all = True
+            raise
+        outline = replace(outline, **view)
+        self._scan, self._content = replace(self._scan, outline=outline), content
+        warnings = [*of_camera, *outline.warnings, *unbaked_simulations(depsgraph)]
+        warnings.append(told_hidden(depsgraph.view_layer, rendered))
+        return outline, [*dict.fromkeys(filter(None, warnings))]
