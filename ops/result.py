@@ -38,7 +38,7 @@ class STRATA_OT_show_layer(bpy.types.Operator):
 
     bl_idname = "strata.show_layer"
     bl_label = "Show Layer"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
 
     layer: bpy.props.StringProperty(name="Layer", options={"SKIP_SAVE"})
     light: bpy.props.StringProperty(name="Light", options={"SKIP_SAVE"})

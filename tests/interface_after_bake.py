@@ -59,8 +59,14 @@ def look_at_the_result(found: dict, photographs: Path, area, sidebar):
     yield from person.click(*place)
     yield 0.5
     image = editor.spaces.active.image
-    found["layer of a row"] = [image and image.name, bpy.context.view_layer.objects.active.name]
+    lamp = bpy.context.view_layer.objects.active
+    found["layer of a row"] = [image and image.name, lamp.name]
+    found["editor"] = [editor.x, editor.y, editor.width, editor.height]
     yield from person.photograph(photographs, "5a shown")
+    lamp.rotation_euler.x += 0.5  # the first is the sun
+    bpy.ops.strata.bake()
+    yield from person.photograph(photographs, "5b filled anew")
+    lamp.rotation_euler.x -= 0.5
     editor.ui_type = before
     yield 0.5
 

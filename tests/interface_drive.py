@@ -11,6 +11,7 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
+import interface_after_bake as after_bake
 import interface_person as person
 
 OUT, PHOTOGRAPHS, RESULT = sys.argv[sys.argv.index("--") + 1 :]
@@ -211,6 +212,7 @@ def person_at_work(found: dict):
     pressed = time.monotonic()
     yield from person.wait(lambda: not state().is_baking)
     found["seconds to cancel"] = time.monotonic() - pressed
+    yield from after_bake.cancel_by_button(found, state, area, sidebar, buttons["strata.bake"])
     found["images after cancel"] = float_images()
 
     # And to its end.
@@ -228,8 +230,12 @@ def person_at_work(found: dict):
         yield from person.move(*person.middle(sidebar))
         person.xdotool("click", 5)
     yield from person.photograph(photographs, "5 baked")
-    yield from person.press("ctrl+z", *person.middle(person.region_of(area, "WINDOW")))
-    yield 1.0
+    yield from after_bake.look_at_the_result(found, photographs, area, sidebar)
+    found["images after more bakes"] = float_images()
+    found["unsaved images"] = [image.name for image in bpy.data.images if image.is_dirty]
+    for _ in range(2):  # the selection, then the bake
+        yield from person.press("ctrl+z", *person.middle(person.region_of(area, "WINDOW")))
+        yield 1.0
     found["images after undo"] = float_images()
 
     # F12, with the engine, and Esc.
@@ -261,6 +267,7 @@ def person_at_work(found: dict):
     yield from person.photograph(photographs, "6 rendered")
 
     # Saved, opened again.
+    bpy.ops.strata.bake()
     scene.strata.samples = 7
     scene.strata.preview.on_opening = True
     for window in list(bpy.context.window_manager.windows)[1:]:  # where F12 shows its image
@@ -274,11 +281,17 @@ def person_at_work(found: dict):
     yield 2.0
     found["samples after opening"] = bpy.context.scene.strata.samples
     found["preview after opening"] = sys.modules[f"{MODULE}.addon.preview"].is_on(bpy.context.scene)
+    found["images after opening"] = float_images()
+    bpy.context.scene.strata.samples = 1
+    bpy.ops.strata.bake()
 
     bpy.ops.preferences.addon_disable(module=MODULE)
     yield 1.0
     found["is gone"] = not hasattr(bpy.types.Scene, "strata")
     yield from person.photograph(photographs, "7 disabled")
+    yield from person.press("ctrl+s", 700, 450)
+    yield 1.0
+    yield from after_bake.quit_by_key(found, RESULT)
 
 
 bpy.context.preferences.view.render_display_type = "WINDOW"

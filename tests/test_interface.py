@@ -124,6 +124,7 @@ def check_a_session(backend, archive, display, tmp_path):
     assert found["light undone"] < 1e-5
     assert "%" in found["drawn while baking"]
     assert found["seconds to cancel"] < SECONDS_TO_CANCEL
+    assert found["seconds to cancel by button"] < SECONDS_TO_CANCEL
     assert found["images after cancel"] == []
     assert found["renders until Esc"]
     assert found["seconds to cancel a render"] < SECONDS_TO_CANCEL
@@ -131,13 +132,26 @@ def check_a_session(backend, archive, display, tmp_path):
     assert len(layers) >= 3
     assert found["layers"] == layers == found["rendered"]
     assert found["images"] == sorted(layers)
+    assert found["shown in a new window"] == [2, str(out)]
+    layer, lamp = found["layer of a row"]
+    assert layer == f"Soft Shadow {lamp}"
+    x, y, width, height = found["editor"]
+    shown, filled = (
+        brightness(photographs / f"{name}.png")[900 - y - height : 900 - y, x : x + width]
+        for name in ("5a shown", "5b filled anew")
+    )
+    assert (np.abs(shown - filled) > 0.2).sum() > 500  # of the image's 96 x 54
+    assert found["images after more bakes"] == found["images"]
+    assert found["unsaved images"] == []
     assert found["images after undo"] == []
     assert set(found["lights"]) >= {name.removeprefix("Soft Shadow ") for name in layers}
     assert found["is saved"]
     assert found["samples after opening"] == 7
     assert found["preview after opening"]
+    assert found["images after opening"] == found["images"]
     assert found["is gone"]
-    assert len(list(photographs.glob("*.png"))) == 15
+    assert found["quits without a question"]
+    assert len(list(photographs.glob("*.png"))) == 17
 
 
 def check_texts(photographs: Path) -> None:
