@@ -326,7 +326,8 @@ def opens_with(**effects):
     these effects switched on or off. Written as Strata keeps it, so that Strata need not be there."""
     scene = bpy.context.scene
     settings = {effect: {"enabled": is_on} for effect, is_on in effects.items()}
-    scene.bl_system_properties_get(do_create=True)["strata"] = {**settings, "preview": {"on_opening": True}}
+    settings |= {"version": 3, "preview": {"on_opening": True}}  # of addon/ui/migration.py
+    scene.bl_system_properties_get(do_create=True)["strata"] = settings
     for screen in bpy.data.screens:
         for space in (area.spaces.active for area in screen.areas if area.type == "VIEW_3D"):
             space.region_3d.view_perspective = "CAMERA"

@@ -186,3 +186,9 @@ def test_an_older_file_keeps_its_default(scene, tmp_path):
     assert output(scene) == str(tmp_path / "strata_####.exr")
     assert output(other) == str(tmp_path / "{a}.exr")
     assert output(fresh).endswith("shot.v2_Fresh_strata_####.exr")
+
+
+def test_sample_scenes_have_settings_of_this_version(scene):
+    for path in SAMPLES.glob("*.blend"):
+        open_blend(path)
+        assert output(bpy.context.scene) == str(SAMPLES / f"{path.stem}_strata_####.exr")
