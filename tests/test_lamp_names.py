@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 
 import bpy
@@ -266,14 +267,18 @@ def test_an_instancer_that_shows_one_lamp_gives_it_its_light_group(scene, tmp_pa
     """A street of lanterns, instances of one collection. A surface that shines would be in the group too."""
     lantern = bpy.data.collections.new("Lantern")
     bulb = lamp("Bulb", lantern, (0, 0, 3))
-    for name, x in (("West", -1.0), ("East", 1.0)):
+    bulb.data.type = "SPOT"
+    for name, x in (("West", -1.0), ("East", 1.0), ("Upwards", 2.0)):
         collection_instance(name, lantern).location = (x, 0, 0)
+    bpy.data.objects["Upwards"].rotation_euler = (math.pi, 0, 0)
+    bpy.data.objects["Upwards"].location.z = 30.0
+    scene.render.resolution_x = scene.render.resolution_y = 96  # a look of one pixel rules no lamp out
     scene.strata.save_to, scene.strata.output = "FILE", str(tmp_path / "baked.exr")
     bpy.ops.strata.bake()
     scene.render.engine = "CYCLES"
     bpy.ops.strata.build_compositor()
-    instancers = [bpy.data.objects[name] for name in ("West", "East")]
-    assert [thing.lightgroup for thing in instancers] == ["Bulb West", "Bulb East"]
+    instancers = [bpy.data.objects[name] for name in ("West", "East", "Upwards")]
+    assert [thing.lightgroup for thing in instancers] == ["Bulb West", "Bulb East", ""]
     assert (bulb.lightgroup, bulb.data.use_shadow) == ("", False)
     bpy.ops.strata.restore_shadows()
     assert bulb.data.use_shadow

@@ -10,6 +10,10 @@ from .view import View
 
 AXES = np.eye(3)
 
+UNREACHED = "reaches nothing in view"
+WITHOUT_CASTERS = "nothing casts a shadow into view"
+"""Reasons for which a lamp surely has no shadow in view."""
+
 DRAWN_GUARD = 1e-3
 """Share of a view's window, against rounding."""
 
@@ -151,7 +155,7 @@ def unlit_reason(light: Light, visible: frozenset[int], region: np.ndarray) -> s
     if light.receivers is not None and light.receivers.isdisjoint(visible):
         return "it lights nothing in view (light linking)"
     if not lights_region(light, region):
-        return "reaches nothing in view"
+        return UNREACHED
     return None
 
 

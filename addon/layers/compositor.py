@@ -1,8 +1,9 @@
 """Compositor nodes that put baked shadows onto a render, beside whatever a user's tree does already.
 
 The picture is the image + the sum over light groups of (its image times (its lamp's shadow - 1)), so that
-what no group has (the sky, emission, lamps that are not joined) stays as it is. Of a denoised image the noisy
-one's share is taken: groups are as noisy as that, and noise would stay where a shadow takes most light away.
+what no group has (the sky, emission, lamps that are not joined) stays as it is. Where Cycles denoises, the
+noisy image is taken and denoised after that: light groups are noisy, and of a denoised image their noise
+would stay where a shadow takes most of the light away.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import bpy
 
+from ..core.culling import UNREACHED, WITHOUT_CASTERS
 from ..core.effect import Blend
 from ..core.errors import StrataError
 from ..effects.registry import EFFECTS
@@ -22,12 +24,12 @@ from .exr_header import ExrHeader, header_of
 
 GROUP_NAME = "Strata Shadows"
 _NOISY = "Noisy Image"  # Cycles' pass beside a denoised image
+_GUIDES = {"Denoising Albedo": "Albedo", "Denoising Normal": "Normal"}
+"""Sockets of the Denoise node by Cycles' passes."""
 _NO_LAMP = "no lamp that renders has it"
 _STEP = 200  # of the grid that nodes are laid out on
-_EFFECTS = {
-    kind.title: effect for effect in EFFECTS for kind in effect.layers if kind.blend == Blend.SCALE_LIGHT
-}
-"""Those that make shadows, by the title of these."""
+_TITLES = tuple(kind.title for effect in EFFECTS for kind in effect.layers if kind.blend == Blend.SCALE_LIGHT)
+"""Those of shadows."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ def _shadows(header: ExrHeader, view_layer: bpy.types.ViewLayer) -> dict[str, st
     """Lamps' pass names by the names of their shadows."""
     return {
         name: name.removeprefix(f"{title} ")
-        for title in _EFFECTS
+        for title in _TITLES
         for name in sorted(header.passes.get(view_layer.name, ()))
         if name.startswith(f"{title} ")
     }
@@ -134,9 +136,12 @@ def _others(header: ExrHeader, layers: Iterable[bpy.types.ViewLayer]) -> list[st
 
 def _idle(header: ExrHeader) -> set[str]:
     """Names of lamps that the bake's plan knew to shadow nothing in view."""
-    what = {entry.get("what", "") for entry in header.json("strata:report").get("left_out", ())}
-    starts = [f"{effect.id} " for effect in _EFFECTS.values()]
-    return {text.removeprefix(start) for text in what for start in starts if text.startswith(start)}
+    return {
+        entry["what"].removeprefix(f"{title} ")
+        for entry in header.json("strata:report").get("left_out", ())
+        for title in _TITLES
+        if entry["reason"] in (UNREACHED, WITHOUT_CASTERS)
+    }
 
 
 def _apart(shadows: dict[bpy.types.ViewLayer, dict[str, str]], division: Division) -> dict[str, str]:
@@ -274,23 +279,27 @@ def _fill(inside, file: bpy.types.Image, scene, view_layer, source, joined, is_s
         image.layer = view_layer.name
     if is_sequence:
         image.frame_duration, image.use_auto_refresh = max(scene.frame_end, 1), True
-    is_denoised = _NOISY in _passes(source)
-    _set_sockets(inside, ["Image", *([_NOISY] if is_denoised else []), *dict.fromkeys(joined.values())])
+    passes = _passes(source)
+    is_denoised = _NOISY in passes
+    # What guides a denoiser belongs to Cycles' Denoising Data.
+    guides = {name: socket for name, socket in _GUIDES.items() if is_denoised and name in passes}
+    whole = _NOISY if is_denoised else "Image"
+    _set_sockets(inside, [*dict.fromkeys(["Image", whole, *guides, *joined.values()])])
     start, end = inside.nodes.new("NodeGroupInput"), inside.nodes.new("NodeGroupOutput")
-    change = None
+    result = start.outputs[whole]
     for row, (name, group) in enumerate(joined.items(), start=1):
-        less = _math(inside, "SUBTRACT", image.outputs[name], 1.0, (2, -row))
-        less = _mix(inside, "MULTIPLY", start.outputs[group], less, (3, -row))
-        change = less if change is None else _mix(inside, "ADD", change, less, (3 + row, -row))
+        change = _math(inside, "SUBTRACT", image.outputs[name], 1.0, (2, -row))
+        change = _mix(inside, "MULTIPLY", start.outputs[group], change, (3, -row))
+        result = _mix(inside, "ADD", result, change, (3 + row, 0))
     column = 4 + len(joined)
     if is_denoised:
-        # Divided by 0 it is 0; of a noisy image that is black no group has anything.
-        change = _mix(inside, "DIVIDE", change, start.outputs[_NOISY], (column, -1))
-        change = _mix(inside, "MULTIPLY", change, start.outputs["Image"], (column + 1, -1))
-        column += 2
-    result = _mix(inside, "ADD", start.outputs["Image"], change, (column, 0))
+        node = inside.nodes.new("CompositorNodeDenoise")
+        inputs = [node.inputs["Image"], *(node.inputs[socket] for socket in guides.values())]
+        values = [result, *(start.outputs[name] for name in guides)]
+        result = _joined(inside, node, inputs, values, (column, 0), node.outputs["Image"])
+        column += 1
     inside.links.new(result, end.inputs["Image"])
-    end.location = ((column + 1) * _STEP, 0)
+    end.location = (column * _STEP, 0)
 
 
 def _set_sockets(tree, inputs: list[str]) -> None:

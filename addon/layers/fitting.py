@@ -89,7 +89,9 @@ def unlike(scene: bpy.types.Scene, path: Path, frames: dict[int, Path]) -> list[
     missing = [frame for frame, file in frames.items() if not file.is_file()]
     if missing:
         names = ", ".join(map(str, missing[:MOST_NAMED])) + (", ..." if len(missing) > MOST_NAMED else "")
-        found.append(f"{len(missing)} frames of the scene's range have no file and would be black: {names}")
+        found.append(
+            f"{len(missing)} frames of the scene's range have no file, and would lie in full shadow: {names}"
+        )
     baked = header_of(path).text("Frame")
     if (
         not frames

@@ -213,17 +213,26 @@ def marked(scene: bpy.types.Scene) -> list[bpy.types.Light]:
     """Lights of lamps in the scene, instanced ones too, whose shadows are the compositor's."""
     if not any(map(is_composited, bpy.data.lights)):
         return []  # asked at every redraw, and nearly always so
+    return [light for light in _lights(scene) if is_composited(light)]
+
+
+def _lights(scene: bpy.types.Scene) -> list[bpy.types.Light]:
     lamps = {thing for thing in scene.objects if thing.type == "LIGHT"}
     for thing in scene.objects:
         if thing.instance_collection is not None:
             lamps |= {inner for inner in thing.instance_collection.all_objects if inner.type == "LIGHT"}
-    lights = {lamp.data for lamp in lamps}
-    return sorted((light for light in lights if is_composited(light)), key=lambda light: light.name_full)
+    return sorted({lamp.data for lamp in lamps}, key=lambda light: light.name_full)
 
 
 def give_back(scene: bpy.types.Scene, kept: Collection[bpy.types.Light] = ()) -> list[str]:
-    """Switches the own shadows of marked lights on again, but of those in `kept`; returns their names."""
-    lights = [light for light in marked(scene) if light not in kept and light.is_editable]
-    for light in lights:
-        light.use_shadow, light.strata_shadow_composited = True, False
-    return [light.name for light in lights]
+    """Takes the mark off lights, but of those in `kept`, and switches the shadows on again that it stood for;
+    returns their names."""
+    names = []
+    for light in _lights(scene):
+        if light in kept or not light.is_editable or not light.strata_shadow_composited:
+            continue
+        if not light.use_shadow:
+            light.use_shadow = True
+            names.append(light.name)
+        light.strata_shadow_composited = False
+    return names

@@ -82,6 +82,8 @@ def own_settings(layout: bpy.types.UILayout, data: bpy.types.ID, owner: str, sce
         if is_composited(data):
             layout.label(text="Its shadow is put on by compositor nodes", icon="NODE_COMPOSITING")
             layout.operator("strata.restore_shadows", icon="LOOP_BACK")
+        elif data.strata_shadow_composited:
+            layout.label(text="Compositor nodes darken it a second time", icon="ERROR")
         is_active = is_active and casts_shadow(data)
     for effect, specs in _own(scene, owner).items():
         title = layout.column()

@@ -7,7 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core.culling import around, boxes_of, casters_of, not_whole_in, receivers_in_view, unlit_reason
+from ...core.culling import (
+    WITHOUT_CASTERS,
+    around,
+    boxes_of,
+    casters_of,
+    not_whole_in,
+    receivers_in_view,
+    unlit_reason,
+)
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
 from ...core.outline import Light, Outline, emitter_measure
@@ -71,7 +79,7 @@ def visibility(
     reason = _unneeded(light, visible, region)
     casters = frozenset() if reason else casters_of(light, outline.instances, region)
     if not reason and not casters:
-        reason = "nothing casts a shadow into view"
+        reason = WITHOUT_CASTERS
     if reason:
         recorder.left_out(_told(light), reason, light.name)
         return None
