@@ -8,7 +8,7 @@ import bpy
 
 from ..addon.core.errors import StrataError
 from ..addon.layers.compositor import Built, build, take_away
-from ..addon.layers.fitting import unfit_file, unfit_render, unlike
+from ..addon.layers.fitting import rendering, unfit_file, unfit_render, unlike
 from ..addon.layers.numbered import Placeholder
 from ..addon.scene.changing import may_change
 from ..addon.scene.light_groups import marked
@@ -44,12 +44,15 @@ class STRATA_OT_build_compositor(bpy.types.Operator):
     def execute(self, context):
         scene = context.scene
         is_relative = (self.filepath or scene.strata.output).startswith("//")
-        output = output_of(scene, context.view_layer, self.filepath)
-        path = output.path(scene.frame_current)
-        if reason := unfit_file(scene, path):
-            raise StrataError(reason)
-        frames = _frames(scene, output)
-        built = build(scene, context.view_layer, path, bool(frames), is_relative)
+        layers = rendering(scene, context.view_layer)
+        outputs = {layer: output_of(scene, layer, self.filepath) for layer in layers}
+        paths = {layer: output.path(scene.frame_current) for layer, output in outputs.items()}
+        for path in paths.values():
+            # Of view layers that have none of their own, lamps are told by name.
+            if (path == paths[layers[0]] or path.is_file()) and (reason := unfit_file(scene, path)):
+                raise StrataError(reason)
+        path, frames = paths[layers[0]], _frames(scene, outputs[layers[0]])
+        built = build(scene, paths, bool(frames), is_relative)
         if built.others:
             self.report({"INFO"}, f"Not joined, as they are no shadows: {', '.join(built.others)}")
         for warning in unlike(scene, path, frames):

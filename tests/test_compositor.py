@@ -504,26 +504,27 @@ def test_a_lamp_of_a_library_is_named(courtyard, tmp_path):
     assert (light.use_shadow, light.strata_shadow_composited) == (False, True)
 
 
-def test_every_view_layer_that_renders_is_shadowed(scene, tmp_path):
-    """Where the tree shows it; light groups are on all of them."""
-    first, second = bpy.context.view_layer, scene.view_layers.new("Second")
-    first.update_render_passes()
-    path = str(tmp_path / "both.blend")
+@pytest.mark.parametrize("output", ["both.exr", "{view_layer_name}.exr"])
+def test_every_view_layer_that_renders_is_shadowed(scene, tmp_path, output):
+    """Where the tree shows it; light groups are on all of them. Both are in one file, or each in its own."""
+    scene.view_layers.new("Second")
+    scene.strata.output = str(tmp_path / output)
+    path, size = str(tmp_path / "both.blend"), "x".join(map(str, SIZE))
     bpy.ops.wm.save_as_mainfile(filepath=path)
-    scene, out = bpy.context.scene, str(tmp_path / "both.exr")
-    size = "x".join(map(str, SIZE))
-    assert (
-        main(["bake", path, "-o", out, "--view-layer", "all", "--size", size, "--backend", "cpu", "-q"]) == 0
-    )
+    names = ["all"] if output == "both.exr" else [layer.name for layer in scene.view_layers]
+    for name in names:
+        out = str(tmp_path / output.format(view_layer_name=name))
+        flags = ["--view-layer", name, "--size", size, "--backend", "cpu", "-q"]
+        assert main(["bake", path, "-o", out, *flags]) == 0
     bpy.ops.wm.open_mainfile(filepath=path)
     scene, second = bpy.context.scene, bpy.context.scene.view_layers["Second"]
     tree = bpy.data.node_groups.new("Mine", "CompositorNodeTree")
     tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
-    mine, output = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("NodeGroupOutput")
+    mine, end = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("NodeGroupOutput")
     mine.scene, mine.layer = scene, "Second"
-    tree.links.new(mine.outputs["Image"], output.inputs[0])
+    tree.links.new(mine.outputs["Image"], end.inputs[0])
     scene.compositing_node_group = tree
-    bpy.ops.strata.build_compositor(filepath=out)
+    bpy.ops.strata.build_compositor()
     by_light = {la.light: la.pixels for la in read_layers(out).layers if la.effect == "soft_shadow"}
     assert {group.name for group in second.lightgroups} == set(by_light)
     expect(composited(scene, tmp_path), summed(*by_light.values()))
@@ -607,7 +608,7 @@ def no_exr(scene):
         (larger, "The file has 32 x 18 pixels and the render 64 x 36: bake again"),
         (cropped, "The render is cropped to its region and the file is not: bake again"),
         (other_camera, "and the scene renders from 'Other': bake again"),
-        (other_view_layer, "the file has no shadow of it in view layer 'Second', which renders too"),
+        (other_view_layer, "view layer 'Second' renders too and has no shadow of it: bake that as well"),
         (no_view_layer, "no view layer renders"),
     ],
 )

@@ -8,7 +8,7 @@ would stay where a shadow takes most of the light away.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,32 +45,32 @@ class Built:
 
 
 def build(
-    scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, path: Path, is_sequence: bool, is_beside: bool
+    scene: bpy.types.Scene, paths: Mapping[bpy.types.ViewLayer, Path], is_sequence: bool, is_beside: bool
 ) -> Built:
     """Makes the nodes, or makes them anew where they are already; gives each joined lamp a light group where
     it has none, and switches its own shadow off. A user's groups, nodes and links stay: what the Render
-    Layers' image went to now gets it by way of the shadows. `is_beside`: the file is looked for beside the
+    Layers' image went to now gets it by way of the shadows. `paths`: the file of each view layer that
+    renders, which may be missing or be that of others too; `is_beside`: files are looked for beside the
     Blender file. Raises StrataError, with nothing changed, where nothing can be joined.
     """
-    header = header_of(path)
-    layers = _rendering(scene, view_layer)
-    shadows = {layer: _shadows(header, layer) for layer in layers}
+    headers = {layer: header_of(path) for layer, path in paths.items() if path.is_file()}
+    shadows = {layer: _shadows(headers[layer], layer) if layer in headers else {} for layer in paths}
+    idle = {name for header in headers.values() for name in _idle(header)}
     division = light_groups.divide(
-        scene, {layer: set(found.values()) for layer, found in shadows.items()}, _idle(header)
+        scene, {layer: set(found.values()) for layer, found in shadows.items()}, idle
     )
     apart = _apart(shadows, division)
     if not division.joined:
-        raise StrataError(_nothing(path, apart))
-    made = light_groups.add_groups(division, layers)
-    if lacking := _lacking(scene, layers, division):
+        raise StrataError(_nothing(next(iter(paths.values())), apart))
+    made = light_groups.add_groups(division, paths)
+    if lacking := _lacking(scene, paths, division):
         light_groups.remove_groups(made)
         raise StrataError(f"{scene.render.engine} renders no light groups: there is no pass '{lacking}'")
     switched, given_back = light_groups.apply(division, scene)
-    image = _load(path, is_sequence, is_beside)
     scene.render.use_compositing = True
     tree = scene.compositing_node_group
-    with_nodes = [layer for layer in layers if tree is not None and _sources(tree, scene, layer)]
-    for layer in with_nodes or layers[:1]:
+    with_nodes = [layer for layer in paths if tree is not None and _sources(tree, scene, layer)]
+    for layer in with_nodes or list(paths)[:1]:
         tree = tree or _new_tree(scene, layer)
         joined = {
             output: _pass_of(division.joined[lamp].group)
@@ -78,14 +78,11 @@ def build(
             if lamp in division.joined
         }
         if joined:
-            _join(tree, scene, layer, image, joined, is_sequence)
-    joined = [name for found in shadows.values() for name, lamp in found.items() if lamp in division.joined]
+            _join(tree, scene, layer, _load(paths[layer], is_sequence, is_beside), joined, is_sequence)
+    names = [name for found in shadows.values() for name, lamp in found.items() if lamp in division.joined]
+    others = {name for layer, header in headers.items() for name in _others(header, layer)}
     return Built(
-        tuple(dict.fromkeys(joined)),
-        apart,
-        tuple(_others(header, layers)),
-        tuple(switched),
-        tuple(given_back),
+        tuple(dict.fromkeys(names)), apart, tuple(sorted(others)), tuple(switched), tuple(given_back)
     )
 
 
@@ -108,16 +105,6 @@ def take_away(scene: bpy.types.Scene) -> list[str]:
 # What there is to join
 
 
-def _rendering(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> list[bpy.types.ViewLayer]:
-    """View layers that a render makes images of, the one in view first."""
-    if scene.render.use_single_layer:
-        return [view_layer]
-    found = sorted((layer for layer in scene.view_layers if layer.use), key=lambda layer: layer != view_layer)
-    if not found:
-        raise StrataError("no view layer renders")
-    return found
-
-
 def _shadows(header: ExrHeader, view_layer: bpy.types.ViewLayer) -> dict[str, str]:
     """Lamps' pass names by the names of their shadows."""
     return {
@@ -128,10 +115,9 @@ def _shadows(header: ExrHeader, view_layer: bpy.types.ViewLayer) -> dict[str, st
     }
 
 
-def _others(header: ExrHeader, layers: Iterable[bpy.types.ViewLayer]) -> list[str]:
+def _others(header: ExrHeader, view_layer: bpy.types.ViewLayer) -> set[str]:
     """Layers that are no shadows."""
-    names = {name for layer in layers for name in header.passes.get(layer.name, ())}
-    return sorted(names - {"Combined"} - {name for layer in layers for name in _shadows(header, layer)})
+    return header.passes.get(view_layer.name, set()) - {"Combined"} - _shadows(header, view_layer).keys()
 
 
 def _idle(header: ExrHeader) -> set[str]:

@@ -30,6 +30,16 @@ def unfit_render(scene: bpy.types.Scene) -> str:
     return ""
 
 
+def rendering(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> list[bpy.types.ViewLayer]:
+    """View layers that a render makes images of, that in view first. Raises StrataError if there is none."""
+    if scene.render.use_single_layer:
+        return [view_layer]
+    found = sorted((layer for layer in scene.view_layers if layer.use), key=lambda layer: layer != view_layer)
+    if not found:
+        raise StrataError("no view layer renders")
+    return found
+
+
 def unfit_file(scene: bpy.types.Scene, path: Path) -> str:
     """Why a baked file does not lie on what a scene renders; empty where it does. Cheap enough to be asked at
     every redraw."""

@@ -77,7 +77,9 @@ class _Divider:
                 if name in there and name not in self.shadows[layer]
             ]
             if lacking:
-                apart[name] = f"the file has no shadow of it in view layer '{lacking[0]}', which renders too"
+                apart[name] = (
+                    f"view layer '{lacking[0]}' renders too and has no shadow of it: bake that as well"
+                )
                 continue
             found = self._judged(self.lamps[name])
             (apart if isinstance(found, str) else joined)[name] = found
