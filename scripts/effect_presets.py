@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from strata.addon.core.effect import Effect
-from strata.addon.core.ramp import Ramp
 from strata.addon.effects.registry import EFFECTS
 
 FOLDER = Path(__file__).resolve().parents[1] / "addon" / "ui" / "presets" / "strata"
@@ -21,7 +20,7 @@ def _text(effect: Effect, name: str) -> str:
     values = effect.params.checked(effect.id, effect.presets[name]).as_dict()
     lines = ["import bpy", "", f"settings = bpy.context.scene.strata.{effect.id}", ""]
     for spec in effect.params.specs():
-        if spec.kind is Ramp:
+        if spec.is_of_file:
             continue
         value = values[spec.name]
         lines.append(f"settings.{spec.name} = {repr(value).replace(chr(39), chr(34))}")

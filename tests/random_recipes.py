@@ -111,7 +111,7 @@ def _values_of(spec):
         return st.sampled_from(spec.choices)
     if spec.kind is bool:
         return st.booleans()
-    if spec.kind is str:
+    if issubclass(spec.kind, str):
         return st.sampled_from(["", "Lamp", "nobody"])
     if spec.kind is Colour:
         return st.sampled_from(["1,1,1", "0,0,0", "1e6,0,1", "0.1,0.2,0.3"])

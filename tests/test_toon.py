@@ -90,6 +90,27 @@ def test_what_is_switched_off_is_left_out_with_a_reason(stage):
     assert {node.step.name for node in graph.nodes()}.isdisjoint({"toon/hull", "toon/lines"})
 
 
+def test_a_key_light_counts_wherever_instances_show_it(stage):
+    """Chosen by its object, as the panel does, or by what its layers would be called."""
+    sun = bpy.data.objects["Sun"]
+    within = bpy.data.collections.new("Lamps")
+    within.objects.link(sun)
+    stage.collection.objects.unlink(sun)
+    for name in ("Rig", "Other rig"):
+        rig = bpy.data.objects.new(name, None)
+        rig.instance_type, rig.instance_collection = "COLLECTION", within
+        stage.collection.objects.link(rig)
+    bpy.ops.object.light_add(type="SUN")
+    bpy.context.object.name = "Fill"
+    for key, left_out in (
+        ("Sun", {"Fill"}),
+        ("Sun Rig", {"Fill", "Sun Other rig"}),
+        ("Fill", {"Sun Rig", "Sun Other rig"}),
+    ):
+        found = {each.light for each in planned(stage, key_light=key).left_out if "counts" in each.reason}
+        assert found == left_out, key
+
+
 def test_soft_shadows_are_the_nodes_of_soft_shadow(stage):
     both = planned(stage, ("soft_shadow", "toon"), shadow_edge="soft")
     shadow = next(layer.node for layer in both.layers if layer.effect == "soft_shadow")

@@ -148,6 +148,28 @@ def test_an_older_files_settings_are_brought_up_to_date(scene, tmp_path, stored,
     assert "make_images" not in bpy.context.scene.bl_system_properties_get()["strata"]
 
 
+def test_an_older_files_key_light_is_found_by_its_name(scene, tmp_path):
+    name = a_lamp().name
+    for told, found in ((name, name), ("Nobody", None)):
+        open_blend(SAMPLES / "plain.blend")
+        path = old_file(tmp_path, {"toon.key_light": told})
+        bpy.ops.wm.open_mainfile(filepath=path)
+        key = bpy.context.scene.strata.toon.key_light
+        assert (key.name if key else None) == found
+
+
+def test_a_key_light_keeps_its_lamp_when_that_is_renamed(scene):
+    lamp = a_lamp()
+    toon = effect_named("toon")
+    scene.strata.toon.enabled, scene.strata.toon.key_light = True, lamp
+    assert options_of(scene).chosen()[toon].key_light == lamp.name
+    lamp.name = "Renamed"
+    assert options_of(scene).chosen()[toon].key_light == "Renamed"
+    _, graph, _, _ = read_scene(scene, scene.view_layers[0], options_of(scene))
+    assert not any("there is no light" in entry.reason for entry in graph.left_out)
+    assert options_of(scene, values={"toon": {"key_light": "Other"}}).chosen()[toon].key_light == "Other"
+
+
 def test_an_older_scene_is_brought_up_to_date_when_appended(scene, tmp_path):
     path = old_file(tmp_path, {"make_images": 0})
     with bpy.data.libraries.load(path) as (there, taken):

@@ -33,7 +33,7 @@ def other(spec: ParamSpec, value: Any) -> Any:
         return not value
     if issubclass(spec.kind, Enum):
         return next(word for word in spec.kind if word != value)
-    if spec.kind is str:
+    if issubclass(spec.kind, str):
         return value + "x"
     if spec.kind is Colour:
         return Colour(*(0.25 if channel != 0.25 else 0.5 for channel in value))

@@ -123,7 +123,7 @@ class Light:
     `receivers` are the instances that the light lights, `casters` those that can block it (light and
     shadow linking); None: all. `own` are values that go over the scene's for this light: effect's id,
     parameter and value. `pass_name` is its part of layers' names (addon/scene/lamp_names.py); empty: made
-    from `name`.
+    from `name`. `lamp` is what the lamp itself is called, with its library, where instances show it.
     """
 
     name: str
@@ -137,6 +137,11 @@ class Light:
     casters: frozenset[int] | None = None
     own: Own = ()
     pass_name: str = ""
+    lamp: str = ""
+
+    def is_called(self, name: str) -> bool:
+        """Whether somebody who says `name` means it."""
+        return name in (self.name, self.key, self.pass_name, self.lamp)
 
     def params_for[P: Params](self, effect_id: str, params: P) -> P:
         """The effect's parameters for this light: the scene's, `params`, with the light's own over them."""

@@ -29,6 +29,12 @@ class Colour(tuple[float, float, float]):
         return srgb_code(self)
 
 
+class Lamp(str):
+    """The name of a lamp, or empty, as the kind of a parameter: by itself, or as Outline's lights have it."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True)
 class Group:
     """Parameters that belong together, under a heading of their own. `switch` names the one of them that
@@ -47,9 +53,10 @@ _IN_LABELS = {"m": ("_m", ""), "pixel": ("_px", ""), "1/m": ("_per_m", "/m")}
 
 @dataclass(frozen=True)
 class ParamSpec:
-    """One parameter: `kind` is int, float, bool, str, an Enum of strings, a Colour or a Ramp; `hard` is what
-    is accepted, `soft` what a slider offers, both inclusive (of each of a Colour's channels); `trades_time`
-    says that raising it costs time and lowers error; `per_light` that a light may have a value of its own.
+    """One parameter: `kind` is int, float, bool, str, a Lamp, an Enum of strings, a Colour or a Ramp; `hard`
+    is what is accepted, `soft` what a slider offers, both inclusive (of each of a Colour's channels);
+    `trades_time` says that raising it costs time and lowers error; `per_light` that a light may have a value
+    of its own.
 
     `label` is what a panel calls it, short enough for its column, `group` where it stands there, `words` what
     choices are called where that is not the value itself; `used_when` is where it counts at all, which for
@@ -73,6 +80,11 @@ class ParamSpec:
     object_only: bool = False
 
     @property
+    def is_of_file(self) -> bool:
+        """Whether panels choose a part of the Blender file for it, which no other file has."""
+        return self.kind in (Ramp, Lamp)
+
+    @property
     def choices(self) -> tuple[str, ...]:
         return tuple(member.value for member in self.kind) if issubclass(self.kind, Enum) else ()
 
@@ -86,8 +98,8 @@ class ParamSpec:
             return self.kind(word)
         if self.kind is bool:
             return self._check_bool(where, value)
-        if self.kind is str:
-            return str(value)
+        if issubclass(self.kind, str):
+            return self.kind(value)
         if self.kind is Colour:
             return self._check_colour(where, value)
         if self.kind is Ramp:

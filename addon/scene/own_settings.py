@@ -8,7 +8,7 @@ import bpy
 
 from ..core.effect import Effect
 from ..core.outline import Own
-from ..core.params import Colour, ParamSpec
+from ..core.params import Colour, Lamp, ParamSpec
 from ..core.ramp import HuePath, Ramp, RampInterpolation, RampMode
 from ..effects.registry import EFFECTS
 
@@ -56,9 +56,12 @@ def own_settings_of(data: bpy.types.ID | None, owner: str) -> Own:
 
 
 def value_of(spec: ParamSpec, value: Any) -> Any:
-    """What a property holds, as a parameter. A ramp is that of a texture, or the default without one."""
+    """What a property holds, as a parameter. A ramp is that of a texture, or the default without one; a lamp
+    is the name of an object, with its library."""
     if spec.kind is Colour:
         return tuple(value)
+    if spec.kind is Lamp:
+        return Lamp("" if value is None else value.name_full)
     if spec.kind is not Ramp:
         return value
     return spec.default if value is None or not value.use_color_ramp else ramp_of(value.color_ramp)

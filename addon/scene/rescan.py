@@ -116,6 +116,7 @@ def _with_lights(scan: Scan, outline: Outline, changed: Iterable[int], objects, 
             lights_media=before.lights_media,
             own=own,
             pass_name=before.pass_name,
+            lamp=before.lamp,
         )
     return replace(outline, lights=tuple(lights))
 

@@ -337,7 +337,8 @@ class _Scanner:
             self._warn(warning)
         if light is not None:
             own = own_settings_of(shown.data, "Light")
-            self.lights.append(replace(light, own=own, pass_name=named.pass_name))
+            called = {"pass_name": named.pass_name, "lamp": named.lamp.name_full}
+            self.lights.append(replace(light, own=own, **called))
             self.light_objects.append((shown.original, parent.original))
             self.light_owners.append(0 if instance.is_instance else shown.original.session_uid)
 

@@ -46,7 +46,22 @@ def _keep_output(stored: Stored) -> None:
     stored["output"] = output.replace("{", "{{").replace("}", "}}")
 
 
-_STEPS: tuple[Callable[[Stored], None], ...] = (_choose_where_to_save, _renumber_choices, _keep_output)
+def _point_at_key_light(stored: Stored) -> None:
+    """The lamp itself for its name."""
+    toon = stored.get("toon")
+    name = toon.pop("key_light", None) if toon is not None else None
+    if isinstance(name, str):
+        lamps = (thing for thing in bpy.data.objects if thing.type == "LIGHT")
+        if lamp := next((each for each in lamps if name in (each.name, each.name_full)), None):
+            toon["key_light"] = lamp
+
+
+_STEPS: tuple[Callable[[Stored], None], ...] = (
+    _choose_where_to_save,
+    _renumber_choices,
+    _keep_output,
+    _point_at_key_light,
+)
 VERSION = len(_STEPS)
 
 

@@ -12,7 +12,6 @@ from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
 from ..core.effect import Effect
-from ..core.ramp import Ramp
 from ..effects.registry import EFFECTS
 from .registration import Classes
 
@@ -35,8 +34,7 @@ def _operator(effect: Effect) -> type:
         "bl_label": f"Add {effect.title} Preset",
         "preset_menu": panel_name(effect),
         "preset_defines": [f"settings = {group}"],
-        # A ramp is a texture of the file, which another file does not have.
-        "preset_values": [f"settings.{s.name}" for s in effect.params.specs() if s.kind is not Ramp],
+        "preset_values": [f"settings.{s.name}" for s in effect.params.specs() if not s.is_of_file],
         "preset_subdir": f"strata/{effect.id}",
     }
     return type(f"STRATA_OT_{effect.id}_preset_add", (AddPresetBase, bpy.types.Operator), members)

@@ -12,7 +12,7 @@ import bpy
 
 from ..bake import Options
 from ..core.effect import Effect
-from ..core.params import Colour, ParamSpec, in_words
+from ..core.params import Colour, Lamp, ParamSpec, in_words
 from ..core.ramp import Ramp
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
@@ -113,6 +113,10 @@ def _limit_box(spec: ParamSpec):
     return box(spec.name, spec.hard[1], 0.5 * spec.soft[1], spec.label, told)
 
 
+def _is_lamp(group: bpy.types.PropertyGroup, thing: bpy.types.Object) -> bool:
+    return thing.type == "LIGHT"
+
+
 def _property(spec: ParamSpec, tooltip: str):
     """The bpy property of one parameter."""
     common = {"name": spec.label, "description": tooltip}
@@ -120,6 +124,8 @@ def _property(spec: ParamSpec, tooltip: str):
         return bpy.props.EnumProperty(items=_enum_items(spec), default=spec.default.value, **common)
     if spec.kind is bool:
         return bpy.props.BoolProperty(default=spec.default, **common)
+    if spec.kind is Lamp:
+        return bpy.props.PointerProperty(type=bpy.types.Object, poll=_is_lamp, **common)
     if spec.kind is str:
         return bpy.props.StringProperty(default=spec.default, **common)
     if spec.kind is Ramp:

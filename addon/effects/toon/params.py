@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from ...core.conditions import OneOf, When, both
-from ...core.params import Colour, Group, Params, param
+from ...core.params import Colour, Group, Lamp, Params, param
 from ...core.ramp import Ramp
 
 NO_FADE = 1e9  # metres
@@ -112,7 +112,7 @@ class ToonParams(Params):
         Light.FACING,
         doc="Light on the ramp: facing is the cosine to them, brightness is what a white surface sends back",
     )
-    key_light: str = param("", doc="Name of the only light that counts; empty for all of them")
+    key_light: Lamp = param(Lamp(""), doc="The only light that counts, by name; without one all of them do")
     exposure: float = param(
         1.0,
         hard=(0.0, 1e6),

@@ -99,7 +99,7 @@ def _light(rays: RayCaster, outline: Outline, params: ToonParams, seen: ViewRays
     at = _points(surface, found, world, outline)
     for index, lamp in enumerate(outline.lights):
         power = max(float(np.dot((0.2126, 0.7152, 0.0722), lamp.intensity)), 0.0)
-        if power <= 0.0 or (params.key_light and lamp.name != params.key_light):
+        if power <= 0.0 or (params.key_light and not lamp.is_called(params.key_light)):
             continue
         reached = np.ones(len(found), bool)
         if lamp.receivers is not None:

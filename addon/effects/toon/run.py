@@ -146,7 +146,7 @@ def _chosen_lights(recorder, outline, params, visible, region) -> list[int]:
     """Those that count; the others are noted."""
     chosen = []
     for index, light in enumerate(outline.lights):
-        if params.key_light and light.name != params.key_light:
+        if params.key_light and not light.is_called(params.key_light):
             reason = f"only '{params.key_light}' counts"
         elif luminance(light) <= 0.0:
             reason = "no power"
@@ -157,7 +157,7 @@ def _chosen_lights(recorder, outline, params, visible, region) -> list[int]:
             continue
         recorder.left_out(f"Toon light {light.name}", reason, light.name)
     if not chosen:
-        known = any(light.name == params.key_light for light in outline.lights)
+        known = any(light.is_called(params.key_light) for light in outline.lights)
         reason = "no light shines on what is in view: all is shade"
         if params.key_light and not known:
             reason = f"there is no light '{params.key_light}': all is shade"

@@ -3,7 +3,6 @@ import bpy
 settings = bpy.context.scene.strata.toon
 
 settings.light = "facing"
-settings.key_light = ""
 settings.exposure = 1.0
 settings.shadows = True
 settings.shadow_edge = "crisp"
