@@ -59,6 +59,8 @@ class STRATA_OT_build_compositor(bpy.types.Operator):
             self.report({"WARNING"}, warning[0].upper() + warning[1:])
         for name, reason in built.apart.items():
             self.report({"WARNING"}, f"Not joined: {name}: {reason}")
+        for name in built.elsewhere:
+            self.report({"WARNING"}, f"Scene '{name}' shows some of these lamps too, now without shadows")
         if built.given_back:
             self.report({"WARNING"}, f"Cast their own shadows again: {', '.join(built.given_back)}")
         self.report({"INFO"}, _summary(built))

@@ -10,6 +10,7 @@ import strata
 from conftest import SAMPLES
 from exr_layers import read_layers
 from scan_scenes import empty_scene
+from strata.addon.engine import passes
 from strata.addon.layers.compositor import GROUP_NAME
 from strata.addon.layers.exr_header import header_of
 from strata.addon.scene.open import open_blend
@@ -238,6 +239,17 @@ def test_all_of_it_is_undone_in_one_step(scene):
     assert everything(bpy.context.scene) == before
     bpy.ops.ed.redo()
     assert everything(bpy.context.scene) == after
+
+
+def test_another_scene_with_the_same_lamps_is_told(scene, capfd):
+    bpy.ops.scene.new(type="LINK_COPY")
+    bpy.context.scene.name = "Copy"
+    told = "Scene 'Courtyard' shows some of these lamps too, now without shadows"
+    assert told in built(capfd)
+    bpy.context.window.scene = scene
+    built(capfd)
+    bpy.context.window.scene = bpy.data.scenes["Copy"]
+    assert told not in built(capfd)
 
 
 def test_lamps_get_their_shadows_back(scene, tmp_path):
@@ -551,6 +563,8 @@ def test_a_marked_lamp_casts_a_shadow_for_strata(scene, tmp_path, capfd):
     assert list(again) == list(before)
     for name in before:
         np.testing.assert_array_equal(again[name], before[name])
+    names = {kind.name for kind in passes.registered(scene, bpy.context.view_layer)}
+    assert {f"Soft Shadow {name}" for name in before} <= names
     path = str(tmp_path / "marked.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)
     capfd.readouterr()

@@ -35,13 +35,15 @@ _TITLES = tuple(kind.title for effect in EFFECTS for kind in effect.layers if ki
 @dataclass(frozen=True)
 class Built:
     """Layers by name: what `build` joined, and what not and why; `others` are no shadows. Names of lights
-    whose own shadows were switched off, and of those that got theirs back."""
+    whose own shadows were switched off, and of those that got theirs back. `elsewhere`: other scenes that
+    show such a lamp and have no nodes for its shadow."""
 
     joined: tuple[str, ...]
     apart: dict[str, str]
     others: tuple[str, ...]
     switched: tuple[str, ...]
     given_back: tuple[str, ...]
+    elsewhere: tuple[str, ...]
 
 
 def build(
@@ -82,7 +84,12 @@ def build(
     names = [name for found in shadows.values() for name, lamp in found.items() if lamp in division.joined]
     others = {name for layer, header in headers.items() for name in _others(header, layer)}
     return Built(
-        tuple(dict.fromkeys(names)), apart, tuple(sorted(others)), tuple(switched), tuple(given_back)
+        tuple(dict.fromkeys(names)),
+        apart,
+        tuple(sorted(others)),
+        tuple(switched),
+        tuple(given_back),
+        tuple(_elsewhere(scene)),
     )
 
 
@@ -138,6 +145,18 @@ def _apart(shadows: dict[bpy.types.ViewLayer, dict[str, str]], division: Divisio
         for name, lamp in found.items()
         if lamp not in division.joined
     }
+
+
+def _elsewhere(scene: bpy.types.Scene) -> list[str]:
+    """Other scenes that render lamps of this one, whose own shadows are off, without our nodes."""
+    lights = set(light_groups.marked(scene))
+    return [
+        other.name
+        for other in bpy.data.scenes
+        if other != scene
+        and not lights.isdisjoint(light_groups.marked(other))
+        and not any(map(_is_ours, other.compositing_node_group.nodes if other.compositing_node_group else ()))
+    ]
 
 
 def _nothing(path: Path, apart: dict[str, str]) -> str:

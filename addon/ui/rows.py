@@ -80,10 +80,10 @@ def own_settings(layout: bpy.types.UILayout, data: bpy.types.ID, owner: str, sce
     if owner == "Light":
         layout.prop(data, "use_shadow", text="Cast Shadow")
         if is_composited(data):
-            layout.label(text="Its shadow is put on by compositor nodes", icon="NODE_COMPOSITING")
-            layout.operator("strata.restore_shadows", icon="LOOP_BACK")
+            layout.label(text="Shadow from compositor", icon="NODE_COMPOSITING")
+            layout.operator("strata.restore_shadows", text="Give All Shadows Back", icon="LOOP_BACK")
         elif data.strata_shadow_composited:
-            layout.label(text="Compositor nodes darken it a second time", icon="ERROR")
+            layout.label(text="Shadowed twice", icon="ERROR")
         is_active = is_active and casts_shadow(data)
     for effect, specs in _own(scene, owner).items():
         title = layout.column()
