@@ -25,8 +25,8 @@ SCENES = {
 
 
 def build(names, only_opening=False):
-    """Build and save the named scenes and print what each evaluates to. `only_opening`: what they open with is
-    written into the files that are there, whose layers keep their bits; building anew may round otherwise."""
+    """Build and save the named scenes and print what each evaluates to. `only_opening`: what they open with
+    is written into the files there are, whose layers keep their bits; building anew may round otherwise."""
     print(f"{'scene':<12}{'triangles':>11}{'meshes':>9}{'bytes':>10}  digest")
     for name in names:
         if only_opening:

@@ -120,19 +120,19 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
 def output(layout: bpy.types.UILayout, context) -> None:
     """The field, and which file that is now, or why none."""
     row = layout.row()
-    row.prop(context.scene.strata, "output")
     if waits_for_saving(context.scene):
-        text(layout, context, "This file is not saved yet: layers go to images", "INFO")
-        return
-    try:
-        path = output_of(context.scene, context.view_layer).path(context.scene.frame_current)
-        check_writable(path)
-    except StrataError as error:
-        row.alert = True
-        text(layout, context, str(error)[0].upper() + str(error)[1:], "ERROR")
-        return
-    text(layout, context, path.name, "FILE")
-    text(layout, context, str(path.parent), "FILE_FOLDER")
+        told = [("This file is not saved yet: layers go to images", "INFO")]
+    else:
+        try:
+            path = output_of(context.scene, context.view_layer).path(context.scene.frame_current)
+            check_writable(path)
+            told = [(path.name, "FILE"), (str(path.parent), "FILE_FOLDER")]
+        except StrataError as error:
+            row.alert = True  # before the field is made
+            told = [(str(error)[0].upper() + str(error)[1:], "ERROR")]
+    row.prop(context.scene.strata, "output")
+    for words, icon in told:
+        text(layout, context, words, icon)
 
 
 def writes_file(context) -> bool:
