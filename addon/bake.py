@@ -259,8 +259,9 @@ class BakeJob:
             self.tiles.append((chunk.y0, tile / np.float32(taken if is_first_group else chunk.samples)))
 
     def _look(self, executor: Executor) -> Generator[None]:
-        """Takes a coarse picture of the scene and plans again with it: boxes alone cannot tell that a wall
-        hides the plain behind it, and maps would be spread over both."""
+        """Takes a coarse picture of the scene and plans again with it and with the arrays: boxes alone cannot
+        tell that a wall hides the plain behind it, and maps would be spread over both, nor whether the house
+        around a lamp is close to it."""
         if self.graph.surface is None:
             return
         node, device = self.graph.surface, self.devices.fallback
@@ -272,7 +273,7 @@ class BakeJob:
         )
         if len(seen):
             started = time.perf_counter()
-            self.outline = replace(self.outline, seen=seen)
+            self.outline = replace(self.outline, seen=seen, distance_m=device.distance_m)
             self.graph = plan_scene(self.outline, self.options)
             self._look_seconds += time.perf_counter() - started
 

@@ -7,6 +7,7 @@ import pytest
 import strata_kernels as kernels
 from soft_shadow_scenes import Stage, ground_points, lamp, plate
 from strata.addon.core.emitter import EmitterKind
+from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.soft_shadow import beside
 from strata.addon.effects.soft_shadow.views import light_views
 
@@ -31,7 +32,7 @@ def tables_of(stage, emitter, views):
         kernels.layered_depth(stage.geometry, everything, view.packed(), 1, size, size)
         for _, view in beside.looks_around(emitter)
     ]
-    return [beside.table(looks, emitter, view) for view in views]
+    return [beside.table(CpuDevice(), looks, emitter, view) for view in views]
 
 
 def visibility(stage, emitter, points, with_tables, leave_uncertain=True):
@@ -109,12 +110,6 @@ def test_a_light_whose_only_casters_are_behind_it_still_looks_at_all_it_shines_o
     views, left_out = light_views(BULB, boxes, receivers, hold_receivers=True)
     assert {name[:2] for name, _ in views} == {"+X", "-X", "+Y", "-Y", "-Z"}
     assert ("face +Z", "no receivers") in left_out
-
-
-def test_only_casters_within_reach_are_looked_at():
-    edge = 2.0 - beside.reach_m(SPOT)
-    boxes = np.array([[(-9, -9, edge - 1), (9, 9, edge - 0.01)], [(-9, -9, edge - 1), (9, 9, edge + 0.01)]])
-    np.testing.assert_array_equal(beside.close_casters(SPOT, boxes), [False, True])
 
 
 @pytest.mark.parametrize("tables", [[np.zeros((0, 4), np.uint8)], [np.zeros((4, 4), np.uint8)] * 2])

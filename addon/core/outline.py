@@ -335,6 +335,8 @@ class Outline:
     `crop`, in pixels x0, y0, x1, y1 from the bottom left, is the part that the image shows (render region
     with "Crop to Render Region"), and `region` the part of the frame that is computed. `seen`: boxes
     (M, 2, 3) float64 around what a coarse picture of the scene shows, once somebody has taken one;
+    `distance_m(instance, place, most_m)` is how far a place in the world is from an instance's triangles, or
+    `most_m` if none is nearer, once the arrays are there;
     `version` counts changes of what is in the scene while it is watched, as in a viewport; `world_light` is
     the name of a world that sends light; `stamp` is what Blender says of the picture in the header of a
     render."""
@@ -357,6 +359,7 @@ class Outline:
     working_space: str = "Linear Rec.709"
     seed: int = 0
     seen: np.ndarray | None = field(default=None, compare=False)
+    distance_m: Callable[[int, Vector, float], float] | None = field(default=None, compare=False)
     version: int = 0
     world_medium: Medium | None = None
     world_light: str = ""

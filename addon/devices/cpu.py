@@ -17,6 +17,7 @@ from ..core.emitter import Emitter
 from ..core.graph import Node
 from ..core.outline import Outline
 from ..core.surface import SurfacePoints
+from ..core.view import Vector
 from ..core.view_rays import ViewRays
 from .camera_rays import CameraRays
 
@@ -69,21 +70,30 @@ class CpuDevice:
         same MeshArrays) are not read again."""
         geometry = strata_kernels.Geometry()
         for mesh in self._arrays.meshes:
-            if mesh not in self._meshes:
-                self._meshes[mesh] = strata_kernels.Mesh(
-                    mesh.positions,
-                    mesh.corner_vertices,
-                    mesh.face_starts,
-                    mesh.corner_normals,
-                    mesh.corner_uvs,
-                    mesh.face_slots,
-                )
-            geometry.add_shared_mesh(self._meshes[mesh])
+            geometry.add_shared_mesh(self._triangles(mesh))
         for cutout in self._arrays.cutouts:
             geometry.add_material(cutout.threshold, cutout.alpha, cutout.texels)
         for instance, matrix in zip(self._outline.instances, self._arrays.matrices, strict=True):
             geometry.add_instance(instance.mesh, matrix, instance.object_id, list(instance.materials))
         return geometry
+
+    def _triangles(self, mesh: MeshArrays) -> strata_kernels.Mesh:
+        if mesh not in self._meshes:
+            self._meshes[mesh] = strata_kernels.Mesh(
+                mesh.positions,
+                mesh.corner_vertices,
+                mesh.face_starts,
+                mesh.corner_normals,
+                mesh.corner_uvs,
+                mesh.face_slots,
+            )
+        return self._meshes[mesh]
+
+    def distance_m(self, instance: int, place: Vector, most_m: float) -> float:
+        """From a place in the world to the triangles of the instance; `most_m` if none is nearer."""
+        arrays = self._arrays
+        mesh = self._triangles(arrays.meshes[self._outline.instances[instance].mesh])
+        return mesh.distance(arrays.matrices[instance], list(place), most_m)
 
     def geometry_of_triangles(self, triangles: dict[int, np.ndarray], matrix) -> strata_kernels.Geometry:
         """Triangle corners (3 T, 3) float32, by object id; `matrix` (4, 4) takes them all to the world."""

@@ -110,8 +110,9 @@ class Session:
             device.set_scene(outline, arrays)
 
     def _keep(self, found: Scan) -> None:
-        self._scan, self.outline = found, found.outline
-        self.executor.outline = found.outline
+        self.outline = replace(found.outline, distance_m=self.devices.fallback.distance_m)
+        self._scan = replace(found, outline=self.outline)
+        self.executor.outline = self.outline
 
     def moving_plan(
         self, placement: Placement, scale: float, options: Options, share: float

@@ -2,6 +2,7 @@
 //!
 //! Matrices are composed per eye in float64 and only then rounded, so that 1e7 m away is exact.
 
+use crate::distance::distance;
 use crate::topology::Topology;
 use crate::triangulate::{checked_corners, triangulate};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -192,6 +193,28 @@ impl SharedMesh {
         });
         Ok(SharedMesh { mesh })
     }
+
+    /// Metres in the world from `point` (three numbers) to the triangles, placed by `matrix` (4, 4) f64 object to world;
+    /// `most` where none is nearer. Raises ValueError if the matrix is not finite.
+    pub fn distance(
+        &self,
+        py: Python<'_>,
+        matrix: PyReadonlyArray2<'_, f64>,
+        point: [f64; 3],
+        most: f64,
+    ) -> PyResult<f64> {
+        let rows = finite_rows(&matrix)?;
+        Ok(py.detach(|| distance(&self.mesh, &rows, point, most)))
+    }
+}
+
+/// The first three rows of a matrix (4, 4).
+fn finite_rows(matrix: &PyReadonlyArray2<'_, f64>) -> PyResult<[[f64; 4]; 3]> {
+    let m = matrix.as_slice()?;
+    if m.len() != 16 || m.iter().any(|x| !x.is_finite()) {
+        return Err(PyValueError::new_err("an instance's matrix is 4 x 4 and finite"));
+    }
+    Ok([0, 4, 8].map(|i| [m[i], m[i + 1], m[i + 2], m[i + 3]]))
 }
 
 #[pymethods]
@@ -262,11 +285,7 @@ impl Geometry {
         object_id: i32,
         slot_materials: Vec<u32>,
     ) -> PyResult<usize> {
-        let m = matrix.as_slice()?;
-        if m.len() != 16 || m.iter().any(|x| !x.is_finite()) {
-            return Err(PyValueError::new_err("an instance's matrix is 4 x 4 and finite"));
-        }
-        let row = |i: usize| [m[4 * i], m[4 * i + 1], m[4 * i + 2], m[4 * i + 3]];
+        let matrix = finite_rows(&matrix)?;
         let data = self.edit()?;
         if mesh >= data.meshes.len() {
             return Err(PyValueError::new_err(format!("no mesh {mesh}")));
@@ -278,7 +297,7 @@ impl Geometry {
         }
         data.instances.push(Instance {
             mesh,
-            matrix: [row(0), row(1), row(2)],
+            matrix,
             object_id,
             slot_materials,
         });

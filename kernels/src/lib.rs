@@ -5,6 +5,7 @@
 
 pub mod cancel;
 pub mod composite;
+mod distance;
 pub mod emitter;
 pub mod geometry;
 pub mod irradiance;

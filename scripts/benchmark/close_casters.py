@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 from strata.addon.core.metrics import maximum, quantile, weighted_bias, weighted_rmse
 
+from . import against_cycles
 from .methods import Effect, accelerator_of, surface_of, traced
 from .scenes import read
 
@@ -18,7 +19,7 @@ RAYS = 1024
 """From each point, for the truth: a noise of some .004 in its penumbra."""
 HEIGHT_M = 3.0
 """Of the lamp above a ground of 12 m."""
-RADII_M = (0.1, 0.5)
+RADII_M = (0.0, 0.05, 0.25, 0.5)
 LAMPS = {
     "spot of 45 degrees": ("SPOT", {"spot_size": math.radians(45.0)}),
     "spot of 100 degrees": ("SPOT", {"spot_size": math.radians(100.0)}),
@@ -35,7 +36,7 @@ def _bars(bars: list[tuple[float, float, float, float, float]]) -> Mesh:
     return np.array(corners, float).reshape(-1, 3), faces
 
 
-def _tube(rings: list[tuple[float, float]], sides: int = 48) -> Mesh:
+def tube(rings: list[tuple[float, float]], sides: int = 48) -> Mesh:
     """An open tube about the vertical through (radius, z) of each ring."""
     turn = np.arange(sides) / sides * 2.0 * np.pi
     points = [np.stack([r * np.cos(turn), r * np.sin(turn), np.full(sides, z)], 1) for r, z in rings]
@@ -80,12 +81,12 @@ def barn_doors(size: float) -> Mesh:
 
 def cylinder(size: float) -> Mesh:
     """An open shade around the bulb."""
-    return _tube([(1.5 * size, 1.2 * size), (1.5 * size, -1.2 * size)])
+    return tube([(1.5 * size, 1.2 * size), (1.5 * size, -1.2 * size)])
 
 
 def cone(size: float) -> Mesh:
     """An open shade that widens downward."""
-    return _tube([(1.2 * size, 0.8 * size), (2.4 * size, -1.2 * size)])
+    return tube([(1.2 * size, 0.8 * size), (2.4 * size, -1.2 * size)])
 
 
 def window(size: float) -> Mesh:
@@ -177,3 +178,14 @@ def measure(lamps, fixtures, radii, methods, size=SIZE) -> Iterator[CloseError]:
                         maximum(errors, weight),
                     ]
                     yield CloseError(lamp, fixture, radius_m, method, *figures, seconds)
+
+
+IN_CYCLES = (("point", "cylinder", 0.25), ("spot of 100 degrees", "cylinder", 0.25), ("point", "gobo", 0.25))
+
+
+def by_cycles(samples: int, methods, size=SIZE) -> Iterator[tuple[tuple, str, against_cycles.Comparison]]:
+    """Lamp, fixture and radius, method, and its layer against two renders of so many samples by Cycles."""
+    settings = {method: {"soft_shadow": {"method": method}} for method in methods}
+    for what in IN_CYCLES:
+        for method, found in against_cycles.compare_all(scene_of(*what), samples, size, settings):
+            yield what, method, found

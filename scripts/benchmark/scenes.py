@@ -64,7 +64,7 @@ class Case:
         """The outline after a coarse look, as a bake takes it, and its plan with these settings."""
         visible = self.graph.surface.params["visible"]
         seen = seen_boxes(self.device, geometry, self.outline, visible)
-        outline = replace(self.outline, seen=seen)
+        outline = replace(self.outline, seen=seen, distance_m=self.device.distance_m)
         return outline, plan(outline, {SOFT_SHADOW: SOFT_SHADOW.params.checked("soft_shadow", values)})
 
 

@@ -51,9 +51,7 @@ Bits hidden_before(Seen seen, ivec2 pixel, bool at_horizon)
 // `doubt`: what choose.glsl says of the map.
 void evaluate(Seen seen, ivec2 pixel, uint doubt)
 {
-  // Written so that a NaN in a normal reads as no light.
-  bool receives_light = height_range(seen, seen.shading_normal).y > 0.0;
-  if (!receives_light) {
+  if (!reaches(seen)) {
     return;
   }
   vec2 heights = height_range(seen, seen.geometric_normal);

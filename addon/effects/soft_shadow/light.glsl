@@ -17,7 +17,7 @@ const float ROUNDING = 1e-6;
 const float OWN_SURFACE = 0.01;
 
 // Smallest half-angle (tangent) a light is given, so that a light of no size casts a hard shadow.
-const float SMALLEST_HALF_SIZE = 1e-4;
+const float SMALLEST_HALF_SIZE = 1e-5;
 
 // Steepness of a round light's rim: a sample stands for the area around it, so that its weight falls from 1 to 0 over
 // about the distance to the next, rather than at once. Per square of the share of the radius.
@@ -130,6 +130,23 @@ vec2 height_range(Seen seen, vec3 normal)
   float middle = dot(normal, direction_to(seen, 0.5 * (low + high)));
   float reach = 0.5 * dot(abs(normal.xy), high - low);
   return vec2(middle - reach, middle + reach);
+}
+
+// False only where no sample has a weight: the point is below the horizon of its shading normal, or outside the light's
+// cone by more than the light's own size.
+bool reaches(Seen seen)
+{
+  // Written so that a NaN in a normal reads as no light.
+  bool above = height_range(seen, seen.shading_normal).y > 0.0;
+#ifdef CONE
+  float sin2_rim = seen.sin2_rim * (1.0 + 0.5 / RIM), cos_cone = params.radiance.y;
+  float sin2_cone = 1.0 - cos_cone * cos_cone;
+  float cos_both = cos_cone * sqrt(max(1.0 - sin2_rim, 0.0)) - sqrt(sin2_cone * sin2_rim);
+  // Less than a hundred-thousandth is rounding.
+  return above && dot(seen.base, params.cone_axis.xyz) >= (cos_both - 1e-5) * length(seen.base);
+#else
+  return above;
+#endif
 }
 
 // Irradiance per area of the light's plane, up to a factor that is the same for all samples.

@@ -93,14 +93,14 @@ class SoftShadowParams(Params):
         soft=(16, 256),
         trades_time=True,
         per_light=True,
-        used_when=When("method", (Method.HYBRID,)),
-        doc="Rays for each point that maps are unsure of, and at least 256 for what is closest to a spot or "
-        "a point; 0: none",
+        used_when=When("method", (Method.BITMASK, Method.HYBRID)),
+        doc="Rays for each point that maps are unsure of, with the hybrid method, and with it or the bitmask "
+        "at least 64 for what is closest to a spot or a point; 0: none",
     )
 
     def finer(self) -> tuple[str, ...]:
-        """Rays first, which no map equals."""
-        finer = list(super().finer())
+        """Rays first, which no map equals; the bitmask asks for few."""
+        finer = [name for name in super().finer() if name != "rays" or self.method == Method.HYBRID]
         if self.method != Method.HYBRID:
             finer.insert(0, "method=hybrid")
         if self.spacing > 1:

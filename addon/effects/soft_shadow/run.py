@@ -16,7 +16,7 @@ from ...core.culling import (
     receivers_in_view,
     unlit_reason,
 )
-from ...core.emitter import EmitterKind
+from ...core.emitter import Emitter, EmitterKind
 from ...core.graph import Node
 from ...core.outline import Light, Outline, emitter_measure
 from ...core.random import hash_bits
@@ -24,7 +24,7 @@ from ...core.recorder import Recorder
 from ..shared import steps as shared
 from . import beside, steps
 from .params import Method, SoftShadowParams
-from .views import ROUND_KINDS, light_views, reaching_out_of, share_axes, too_far
+from .views import AROUND, ROUND_KINDS, distances_of_boxes, light_views, reaching_out_of, share_axes, too_far
 
 SMALLEST_RESOLUTION = 64
 """Texels a side of any map."""
@@ -34,6 +34,10 @@ WHY_NO_MAP = {
     "no casters": "nothing casts a shadow there",
 }
 """By what light_views says."""
+
+CLOSE, CLOSE_SAMPLES = 3.0, 8
+"""Where something is closer to a spot or a point than so many radii, a point reads so many times as many
+texels: what is close is seen at a slant, and coarser maps of it are not its shape."""
 
 POINTS = ("position", "geometric_normal", "shading_normal")
 
@@ -83,7 +87,7 @@ def visibility(
     if reason:
         recorder.left_out(_told(light), reason, light.name)
         return None
-    return _record_light(recorder, outline, params, index, casters, visible, receivers, boxes), casters
+    return _record_light(recorder, outline, params, index, casters, visible, receivers), casters
 
 
 def _told(light: Light) -> str:
@@ -108,17 +112,18 @@ def _is_empty_area(light: Light) -> bool:
     return is_area and emitter_measure(light.emitter) == 0.0
 
 
-def _record_light(recorder, outline, params, index, casters, visible, receivers, boxes) -> Node:
+def _record_light(recorder, outline, params, index, casters, visible, receivers) -> Node:
     light = outline.lights[index]
     params = light.params_for("soft_shadow", params)
     if not params.rays and params.method == Method.HYBRID:
         params = replace(params, method=Method.BITMASK)
     attributes = POINTS if light.receivers is None else (*POINTS, "instance")
     surface = shared.surface(recorder, outline, visible, *attributes)
-    close = _close_casters(params, light, casters, boxes)
+    away = _distances(outline, light.emitter, casters)
+    close = _close_casters(params, light.emitter, casters, away)
     views, left_out = outline.instances.memo(
-        ("views", light.emitter, casters, receivers.tobytes(), bool(close)),
-        lambda: light_views(light.emitter, outline.instances.boxes_of(casters), receivers, bool(close)),
+        ("views", light.emitter, casters, receivers.tobytes(), away.tobytes(), bool(close)),
+        lambda: light_views(light.emitter, outline.instances.boxes_of(casters), receivers, away, bool(close)),
     )
     for reason, count in Counter(reason for _, reason in left_out).items():
         maps = f"{count} of its maps" if count > 1 else "one of its maps"
@@ -134,7 +139,7 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers,
             if light.emitter.kind in ROUND_KINDS:
                 # Beside the window only what is close to the light counts: large, and as blurred as it.
                 resolution = max(resolution // 2, SMALLEST_RESOLUTION)
-                drawn &= _beside(outline, inner, light, casters, receivers, bool(close))
+                drawn &= _beside(outline, inner, light, casters, away, receivers)
         instance = f"{light.name} {name}".strip()
         maps.append(_map(recorder, outline, params, view, drawn, resolution, instance))
         inner = view
@@ -149,12 +154,12 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers,
         eye=eye,
         emitter=light.emitter,
         method=params.method.value,
-        max_samples=params.max_samples,
+        max_samples=_max_samples(params, light.emitter, away),
         refinements=params.refinements,
         spacing=1 if params.method == Method.AREA else params.spacing,
         maps=len(maps),
     )
-    if params.method == Method.HYBRID:
+    if params.method == Method.HYBRID or close:
         recorder.reads_instances(casters)
         accelerator = shared.ray_accelerator(outline)
         shadow = recorder.step(
@@ -177,15 +182,33 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers,
     return visibility
 
 
-def _beside(outline, inner, light: Light, casters, receivers, close: bool) -> frozenset[int]:
+def _distances(outline: Outline, emitter: Emitter, casters: frozenset[int]) -> np.ndarray:
+    """(C,) metres from the light to each of `casters` at least, in order: to its triangles, as soon as they
+    are there, where its box comes close to a spot or a point."""
+
+    def find() -> np.ndarray:
+        away = distances_of_boxes(emitter, outline.instances.boxes_of(casters))
+        reach = AROUND * emitter.half_width
+        if outline.distance_m is not None and emitter.kind in ROUND_KINDS and reach > 0.0:
+            ordered = np.array(sorted(casters))
+            for place in np.flatnonzero(away <= reach):
+                away[place] = outline.distance_m(int(ordered[place]), emitter.centre, reach)
+        return away
+
+    key = ("distances", emitter.kind, emitter.centre, emitter.half_width, casters)
+    return outline.instances.memo((*key, outline.distance_m is None), find)
+
+
+def _beside(outline, inner, light: Light, casters, away, receivers) -> frozenset[int]:
     """Casters that count beside the window of the map `inner`."""
 
     def find() -> frozenset[int]:
         boxes = outline.instances.boxes_of(casters)
-        out = reaching_out_of(inner, light.emitter, boxes, receivers, close)
+        out = reaching_out_of(inner, light.emitter, boxes, away, receivers)
         return frozenset(np.array(sorted(casters))[out].tolist())
 
-    return outline.instances.memo(("beside", inner, light.emitter, casters, receivers.tobytes(), close), find)
+    key = ("beside", inner, light.emitter, casters, away.tobytes(), receivers.tobytes())
+    return outline.instances.memo(key, find)
 
 
 def _map(recorder: Recorder, outline: Outline, params, view, casters, resolution: int, name: str) -> Node:
@@ -203,12 +226,18 @@ def _map(recorder: Recorder, outline: Outline, params, view, casters, resolution
     )
 
 
-def _close_casters(params, light: Light, casters: frozenset[int], boxes: np.ndarray) -> frozenset[int]:
-    """Those that may hide a part of the light where its maps do not look, if rays can look there."""
-    if params.method != Method.HYBRID or light.emitter.kind not in ROUND_KINDS:
+def _close_casters(params, emitter: Emitter, casters: frozenset[int], away: np.ndarray) -> frozenset[int]:
+    """Those that may hide a part of the light where its maps do not look, if rays are to look there."""
+    has_rim = emitter.kind in ROUND_KINDS and emitter.half_width >= beside.SMALLEST_RADIUS_M
+    if not has_rim or params.method == Method.AREA or not params.rays:
         return frozenset()
     ordered = np.array(sorted(casters), int)
-    return frozenset(ordered[beside.close_casters(light.emitter, boxes[ordered])].tolist())
+    return frozenset(ordered[away <= beside.reach_m(emitter)].tolist())
+
+
+def _max_samples(params, emitter: Emitter, away: np.ndarray) -> int:
+    is_close = emitter.kind in ROUND_KINDS and (away < CLOSE * emitter.half_width).any()
+    return params.max_samples * (CLOSE_SAMPLES if is_close and params.method != Method.AREA else 1)
 
 
 def _tables(recorder, outline, light: Light, close: frozenset[int], views) -> list[Node]:

@@ -14,8 +14,9 @@ from .params import Method
 UNSURE, CLOSE = 1, 2
 """Of a point left to rays: the map is not to be believed, or knows nothing of what is close to the light."""
 
-CLOSE_RAYS = 256
-"""Rays at least for a point of the second kind: all of its penumbra is theirs, and none of it the map's."""
+CLOSE_RAYS, FEWEST_CLOSE_RAYS = 256, 64
+"""Rays at least for a pixel of the second kind: all of its penumbra is theirs, and none of it the map's. Its
+samples share them, but none gets less than the second number."""
 
 
 def _prepare(device, depth, view, gradient_scale, gradient_cap_m):
@@ -47,12 +48,13 @@ def _backproject(
 
 
 def _beside(device, *looks, emitter, view):
-    return beside.table(looks, emitter, view)
+    return beside.table(device, looks, emitter, view)
 
 
 def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, seed, chunk):
     visibility = shadow["visibility"].copy()
-    for doubt, count in ((UNSURE, rays), (CLOSE, max(rays, CLOSE_RAYS))):
+    close = max(rays, CLOSE_RAYS // chunk.samples, FEWEST_CLOSE_RAYS)
+    for doubt, count in ((UNSURE, rays), (CLOSE, close)):
         chosen = np.flatnonzero(shadow["uncertain"] == doubt)
         if not len(chosen):
             continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -43,8 +43,8 @@ FARTHEST_M = 2e9
 """Metres; beyond it the fourth power of a distance leaves single precision."""
 
 AROUND = 12.0
-"""Radii of a spot or a point that a mesh whose box is around it is taken to be away, unless rays will answer:
-their tables are about what maps of all that is close do not know."""
+"""Radii of a spot or a point that a mesh whose box is around it is taken to be away until its triangles are
+known, and within which they are asked."""
 
 WINDOW_EDGE = 0.02
 """Share of a window at its edges that does not count as within it: some texels, which a map may not know."""
@@ -56,29 +56,44 @@ LeftOut = tuple[str, str]
 
 
 def light_views(
-    emitter: Emitter, caster_bounds: np.ndarray, receiver_bounds: np.ndarray, hold_receivers: bool = False
+    emitter: Emitter,
+    caster_bounds: np.ndarray,
+    receiver_bounds: np.ndarray,
+    away_m: np.ndarray | None = None,
+    hold_receivers: bool = False,
 ) -> tuple[list[NamedView], list[LeftOut]]:
     """Views to rasterise `emitter`'s casters from, smallest window first, and what needed none, and why.
 
     `caster_bounds` (C, 2, 3) and `receiver_bounds` (R, 2, 3) float64: low and high corners of boxes in world
     space, metres. Nothing outside the windows' union casts a shadow onto a receiver. Names are empty, "wide"
-    followed by a number, with a face such as "+X" before it. `hold_receivers`: the widest windows of a spot
+    followed by a number, with a face such as "+X" before it. `away_m` (C,): how far each caster is at least
+    from a spot or a point, by its box if None. `hold_receivers`: the widest windows of a spot
     or a point hold all receivers, to look up where each is even if nothing casts (beside.py).
     """
     casters = np.asarray(caster_bounds, np.float64).reshape(-1, 2, 3)
     receivers = np.asarray(receiver_bounds, np.float64).reshape(-1, 2, 3)
-    casters = casters[_may_shadow(emitter, casters, receivers)]
+    away = distances_of_boxes(emitter, casters) if away_m is None else away_m
+    may_shadow = _may_shadow(emitter, casters, receivers)
+    casters, away = casters[may_shadow], away[may_shadow]
     if emitter.kind == EmitterKind.DISTANT_DISK:
         return _sun_view(emitter, casters, receivers)
     if emitter.kind not in ROUND_KINDS or emitter.cos_cone > WIDEST_SPOT:
         axes = (emitter.right, emitter.up, emitter.forward)
-        return _nested_views(emitter, axes, casters, receivers, _lit_tangent(emitter), hold_receivers)
+        return _nested_views(emitter, axes, casters, away, receivers, _lit_tangent(emitter), hold_receivers)
     views, left_out = [], []
     for name, axes in cube_axes():
-        nested, lacking = _nested_views(emitter, axes, casters, receivers, FACE_TANGENT, hold_receivers)
+        nested, lacking = _nested_views(emitter, axes, casters, away, receivers, FACE_TANGENT, hold_receivers)
         views += [(f"{name} {number}".strip(), view) for number, view in nested]
         left_out += [(f"face {name}" if what == "map" else f"{name} {what}", why) for what, why in lacking]
     return views, left_out
+
+
+def distances_of_boxes(emitter: Emitter, boxes: np.ndarray) -> np.ndarray:
+    """(N,) metres from the light's centre to boxes (N, 2, 3) at least; AROUND radii where it is in a box, as
+    of a room or a lantern, which does not say how close its mesh is."""
+    centre = np.array(emitter.centre)
+    away = np.linalg.norm(centre.clip(boxes[:, 0], boxes[:, 1]) - centre, axis=1)
+    return np.where(away > 0.0, away, AROUND * emitter.half_width)
 
 
 def _lit_tangent(emitter: Emitter) -> float:
@@ -130,10 +145,16 @@ def _extent(emitter: Emitter) -> np.ndarray:
 
 
 def _nested_views(
-    emitter: Emitter, axes, casters: np.ndarray, receivers: np.ndarray, lit: float, hold_receivers: bool
+    emitter: Emitter,
+    axes,
+    casters: np.ndarray,
+    away: np.ndarray,
+    receivers: np.ndarray,
+    lit: float,
+    hold_receivers: bool,
 ) -> tuple[list[NamedView], list[LeftOut]]:
     """Along `axes`, of receivers within slopes of `lit`."""
-    casters = _caster_boxes(emitter, axes, casters, hold_receivers)
+    casters = _Boxes.of(emitter, axes, casters, WIDEST_TANGENT, away)
     receivers = _Boxes.of(emitter, axes, receivers, lit)
     whole, reason = _window(emitter, casters, receivers, lit, WIDEST_TANGENT)
     if hold_receivers and reason != "no receivers":
@@ -213,15 +234,17 @@ def share_axes(a: View, b: View) -> bool:
 
 @dataclass(frozen=True)
 class _Boxes:
-    """Boxes by their `corners` (3, 8, M) along axes from a light's centre, how far `away` from it each is
-    (M,), metres, and its `index` (M,) among all."""
+    """Boxes by their `corners` (3, 8, M) along axes from a light's centre, the `index` (M,) of each among
+    all, and how far `away` (M,) from it the caster in it is, metres."""
 
     corners: np.ndarray
-    away: np.ndarray
     index: np.ndarray
+    away: np.ndarray
 
     @classmethod
-    def of(cls, emitter: Emitter, axes, boxes: np.ndarray, widest: float) -> _Boxes:
+    def of(
+        cls, emitter: Emitter, axes, boxes: np.ndarray, widest: float, away: np.ndarray | None = None
+    ) -> _Boxes:
         """Those of `boxes` (N, 2, 3) in the world that may be in front of the light within slopes `widest`.
         Boxes come last, and what each axis of the world adds is summed: thousands are looked at for every
         frame of a light that moves."""
@@ -237,8 +260,8 @@ class _Boxes:
         along = axes[:, :, None, None] * edges
         x, y, z = along[:, 0], along[:, 1], along[:, 2]
         corners = x[:, :, None, None] + y[:, None, :, None] + z[:, None, None, :]
-        away = np.sqrt((np.maximum(np.maximum(edges[:, 0], -edges[:, 1]), 0.0) ** 2).sum(axis=0))
-        return cls(corners.reshape(3, 8, -1), away, np.flatnonzero(inside))
+        index = np.flatnonzero(inside)
+        return cls(corners.reshape(3, 8, -1), index, np.zeros(len(index)) if away is None else away[index])
 
     def slopes(self, widest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Low and high slopes (2, M) within `widest`, least and greatest depth (2, M), and which (M,) of the
@@ -300,13 +323,13 @@ def _spans(emitter: Emitter, casters: _Boxes, receivers: _Boxes, lit: float, wid
 
 
 def reaching_out_of(
-    view: View, emitter: Emitter, casters: np.ndarray, receivers: np.ndarray, hold_receivers: bool
+    view: View, emitter: Emitter, casters: np.ndarray, away_m: np.ndarray, receivers: np.ndarray
 ) -> np.ndarray:
-    """(C,) bool: boxes (C, 2, 3) that may keep light of a spot or a point from receivers (R, 2, 3) beside the
-    window of `view`, one of `light_views`: a wider map need not draw the others."""
+    """(C,) bool: boxes (C, 2, 3), so far away (C,), that may keep light of a spot or a point from receivers
+    (R, 2, 3) beside the window of `view`, one of `light_views`: a wider map need not draw the others."""
     axes = view.right, view.up, view.forward
     lit = _lit_tangent(emitter) if emitter.cos_cone > WIDEST_SPOT else FACE_TANGENT
-    boxes = _caster_boxes(emitter, axes, casters, hold_receivers)
+    boxes = _Boxes.of(emitter, axes, casters, WIDEST_TANGENT, away_m)
     spans, _ = _spans(emitter, boxes, _Boxes.of(emitter, axes, receivers, lit), lit, WIDEST_TANGENT)
     found = np.zeros(len(casters), bool)
     if spans is not None:
@@ -317,14 +340,6 @@ def reaching_out_of(
         beside |= (low[1] < bottom + room_y) | (high[1] > top - room_y)
         found[index[beside]] = True
     return found
-
-
-def _caster_boxes(emitter: Emitter, axes, casters: np.ndarray, hold_receivers: bool) -> _Boxes:
-    boxes = _Boxes.of(emitter, axes, casters, WIDEST_TANGENT)
-    if hold_receivers:
-        return boxes
-    # A box around the light, as of a room or a lantern, does not say how close its mesh is.
-    return replace(boxes, away=np.where(boxes.away > 0.0, boxes.away, AROUND * emitter.half_width))
 
 
 def _reach(

@@ -82,10 +82,12 @@ impl Chosen<'_> {
         served.beside.is_some_and(beside)
     }
 
-    /// Whether what can hide the light may lie beyond the slopes that the maps look at.
+    /// Whether what can hide the light may lie beyond the slopes that the maps look at, where no table says so better.
     pub fn is_cut_off(&self, maps: &Maps) -> bool {
+        let unknown = |map: &usize| maps.list[*map].beside.is_none();
         let nest = |map: usize| &maps.list[map].nest;
-        self.map.is_some_and(|map| !maps.know_all(nest(map), &self.seen))
+        let map = self.map.filter(unknown);
+        map.is_some_and(|map| !maps.know_all(nest(map), &self.seen))
     }
 }
 

@@ -260,9 +260,7 @@ impl Scene<'_> {
             return Start::Done(1.0, SURE);
         };
         let seen = &chosen.seen;
-        // Written so that a NaN in a normal reads as no light.
-        let receives_light = seen.height_range(seen.shading_normal).1 > 0.0;
-        if !receives_light {
+        if !chosen.light.reaches(seen) {
             return Start::Done(1.0, SURE);
         }
         let (lowest, highest) = seen.height_range(seen.geometric_normal);
@@ -332,8 +330,7 @@ impl Scene<'_> {
             return ((1.0 - hidden).max(0.0), 0);
         }
         let seen = &chosen.seen;
-        let receives_light = seen.height_range(seen.shading_normal).1 > 0.0;
-        if !receives_light {
+        if !chosen.light.reaches(seen) {
             return (1.0, 0);
         }
         let (lowest, highest) = seen.height_range(seen.geometric_normal);

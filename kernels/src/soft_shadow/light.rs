@@ -43,7 +43,7 @@ pub const RIM: f32 = 2.5;
 const ROUNDING: f64 = 1e-6;
 
 /// Smallest half-angle (tangent) a light is given, so that a light of no size casts a hard shadow.
-const SMALLEST_HALF_SIZE: f32 = 1e-4;
+const SMALLEST_HALF_SIZE: f32 = 1e-5;
 
 /// A light in the axes of one view: what does not change from point to point.
 #[derive(Clone, Debug)]
@@ -180,6 +180,24 @@ impl Light {
         };
         let ((left, right), (bottom, top)) = (roots(x), roots(y));
         seen.bounds = [left, right, bottom, top];
+    }
+
+    /// False only where no sample has a weight: the point is below the horizon of its shading normal, or outside the
+    /// light's cone by more than the light's own size.
+    pub fn reaches(&self, seen: &Seen) -> bool {
+        // Written so that a NaN in a normal reads as no light.
+        let above = seen.height_range(seen.shading_normal).1 > 0.0;
+        above && (self.cos_cone <= -1.0 || self.is_in_cone(seen))
+    }
+
+    /// Whether the light's middle is seen within the cone's angle and that of the rim, which is soft.
+    fn is_in_cone(&self, seen: &Seen) -> bool {
+        let sin2_rim = seen.sin2_rim * (1.0 + 0.5 / RIM);
+        let sin2_cone = 1.0 - self.cos_cone * self.cos_cone;
+        let cos_both = self.cos_cone * (1.0 - sin2_rim).max(0.0).sqrt() - (sin2_cone * sin2_rim).sqrt();
+        let along = dot(seen.base, self.cone_axis);
+        // Less than a hundred-thousandth is rounding.
+        along >= (cos_both - 1e-5) * dot(seen.base, seen.base).sqrt()
     }
 
     /// Irradiance per area of the light's plane at (X, Y), up to a factor that is the same for all samples.

@@ -1,6 +1,7 @@
 //! Layered soft shadow maps: thesis chapter 5, with the bitmask of Schwarz and Stamminger (2007).
 
 mod area;
+mod beside;
 mod between;
 mod choose;
 mod doubt;
@@ -22,7 +23,7 @@ use crate::view::View;
 use choose::{Beside, Maps};
 use evaluate::{Method, Points, Settings};
 use numpy::{
-    IntoPyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    IntoPyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
     PyReadonlyArrayDyn, PyUntypedArrayMethods,
 };
 use prepare::{Bias, PreparedMap};
@@ -177,8 +178,32 @@ fn soft_shadow_backproject<'py>(
     Ok((visibility.to_dyn().clone(), uncertain.to_dyn().clone()))
 }
 
+/// How much of a round light some casters hide that its maps do not know, seen from afar and from four radii.
+/// `places` (N, 3) f32 on their surfaces, in radii from the light's centre, about a tenth apart at most; `known` (N,) bool;
+/// `towards` (C, 3) f32 unit directions from there. Returns (C,) f32, the greater share of the light's disk. Raises
+/// ValueError on bad shapes.
+#[pyfunction]
+fn soft_shadow_unknown_shares<'py>(
+    py: Python<'py>,
+    places: PyReadonlyArray2<'py, f32>,
+    known: PyReadonlyArray1<'py, bool>,
+    towards: PyReadonlyArray2<'py, f32>,
+) -> PyResult<Bound<'py, PyArray1<f32>>> {
+    if places.shape()[1] != 3 || towards.shape()[1] != 3 || places.shape()[0] != known.len() {
+        return Err(PyValueError::new_err(
+            "places and towards have three numbers a row, known one of each place",
+        ));
+    }
+    let rows =
+        |array: &PyReadonlyArray2<'py, f32>| Ok::<_, PyErr>(array.as_slice()?.as_chunks::<3>().0.to_vec());
+    let (places, towards, known) = (rows(&places)?, rows(&towards)?, known.as_slice()?.to_vec());
+    let shares = py.detach(|| beside::unknown_shares(&places, &known, &towards));
+    Ok(shares.into_pyarray(py))
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PreparedShadowMap>()?;
     module.add_function(wrap_pyfunction!(soft_shadow_prepare, module)?)?;
+    module.add_function(wrap_pyfunction!(soft_shadow_unknown_shares, module)?)?;
     module.add_function(wrap_pyfunction!(soft_shadow_backproject, module)?)
 }
