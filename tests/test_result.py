@@ -59,6 +59,7 @@ def test_a_row_selects_its_lamp_and_shows_its_image(scene, editor):
     assert in_window(bpy.ops.strata.show_layer, layer=LAYER, light="Panel") == {"FINISHED"}
     assert bpy.context.view_layer.objects.active == scene.objects["Panel"]
     assert [thing.name for thing in bpy.context.selected_objects] == ["Panel"]
+    assert ball.mode == bpy.context.mode == "OBJECT"
     assert editor.image == image_of(scene.name, "ViewLayer", LAYER)
     # A render's layers have no images, nor those of a bake to a file only.
     scene.strata.save_to = "FILE"
