@@ -58,6 +58,9 @@ def open_sidebar(area):
 def told_without_asking(found: dict, photographs: Path):
     """The plan by itself, and what is above everything else, without moving what is below."""
     scene = bpy.context.scene
+    watching = sys.modules[f"{MODULE}.addon.ui.watching"]
+    # However slow the machine, the scene counts as one that is read again by itself, and soon.
+    watching.LONGEST_SECONDS, watching.PAUSES = 60.0, 1.0
     started = time.monotonic()
     yield from person.wait(lambda: scene.session_uid in state().plans)
     found["seconds to plan"] = time.monotonic() - started

@@ -40,8 +40,8 @@ _NOT_READ = {
 class ScanOptions:
     """`size` in pixels replaces the scene's. `camera` replaces the scene's: an object's name, or a camera
     that is no object (`cameras.viewport_camera`), which has neither render region nor pixel aspect. `shows`,
-    called with an object of the scene, says whether to read it. `seconds`: what it may take, None for
-    whatever it takes."""
+    called with an object of the scene, says whether to read it. `seconds`: what it may take of this
+    thread's time, None for whatever it takes."""
 
     size: tuple[int, int] | None = None
     camera: str | Camera | None = None
@@ -125,12 +125,12 @@ class _Scanner:
 
     def run(self) -> Scan:
         scene = self.depsgraph.scene_eval
-        end = math.inf if self.options.seconds is None else time.perf_counter() + self.options.seconds
+        end = math.inf if self.options.seconds is None else time.thread_time() + self.options.seconds
         view, warnings = view_of(self.depsgraph, self.options)
         for warning in warnings:
             self._warn(warning)
         for instance in self.depsgraph.object_instances:
-            if time.perf_counter() > end:
+            if time.thread_time() > end:
                 raise TooLong(f"scene '{scene.name}' takes long to read")
             shown = instance.object
             if not self._is_shown(instance, shown):
