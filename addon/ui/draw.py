@@ -159,7 +159,7 @@ def effects(layout: bpy.types.UILayout, context) -> None:
     words = f"{count} layers" if count != 1 else "1 layer"
     if idle:
         names, reasons = ", ".join(idle), set(idle.values())
-        words = f"{names}: {reasons.pop().partition(':')[0] if len(reasons) == 1 else 'nothing here'}"
+        words = f"{names}: {reasons.pop().partition(' (')[0] if len(reasons) == 1 else 'nothing here'}"
     row = layout.row()
     row.active = bool(idle) or not on
     if not on:

@@ -99,8 +99,12 @@ class SoftShadowParams(Params):
     )
 
     def finer(self) -> tuple[str, ...]:
-        """Rays first, which no map equals; the bitmask asks for few."""
-        finer = [name for name in super().finer() if name != "rays" or self.method == Method.HYBRID]
+        """Rays first, which no map equals (the bitmask asks for few), then larger maps: in sample scenes 256
+        rays of 32 take away up to half of hybrid's error, maps of 4096 of 1024 texels too, more layers a
+        fifth or nothing."""
+        first = ("rays", "resolution", "max_samples")
+        finer = sorted(super().finer(), key=lambda name: first.index(name) if name in first else len(first))
+        finer = [name for name in finer if name != "rays" or self.method == Method.HYBRID]
         if self.method != Method.HYBRID:
             finer.insert(0, "method=hybrid")
         if self.spacing > 1:
