@@ -35,7 +35,7 @@ test: setup
 # In a Blender window under Xvfb: make test-interface BLENDER=/path/to/blender; photographs in out/interface.
 test-interface: setup
 	@test -x "$(BLENDER)" || { echo "Name a Blender 5.2: make test-interface BLENDER=/path/to/blender" >&2; exit 2; }
-	BLENDER="$(BLENDER)" $(PYTHON) -m pytest tests/test_interface.py
+	BLENDER="$(BLENDER)" $(PYTHON) -m pytest tests/test_interface.py tests/test_story.py
 
 # Both formatters and linters; nothing is changed.
 lint: setup

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import os
-import shutil
-import subprocess
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from exr_layers import read_layers
+from interface_window import PHOTOGRAPHS, courtyard_window
 from PIL import Image
 
-TESTS = Path(__file__).resolve().parent
 LAYER = "Soft Shadow Sky panel"  # as in interface_drive.py
-PHOTOGRAPHS = TESTS.parent / "out" / "interface"
 # 0.2 s is the promise, which test_job.py times without a window; here the window is drawn in software, and
 # the driver looks again only after each drawing.
 SECONDS_TO_CANCEL = 3.0
@@ -33,34 +29,6 @@ MOST_COLOURS_APART = 0.01
 # View transforms with edges and kinks between the levels at which the preview's table holds them: their
 # squares agree on average. The rendered viewport is transformed by Blender itself.
 STEEP = ("False Color", "Khronos PBR Neutral")
-
-
-def in_a_window(
-    photographs: Path, backend: str, archive: Path, display: str, folder: Path, driver: str, *words
-) -> dict:
-    """What a driver writes down, with courtyard.blend open; `words` are its arguments but the last two."""
-    scene, result = folder / "courtyard.blend", folder / "result.json"
-    shutil.copy(TESTS.parent / "sample_blends" / "courtyard.blend", scene)
-    shutil.rmtree(photographs, ignore_errors=True)
-    photographs.mkdir(parents=True)
-    env = {**os.environ, "DISPLAY": display, "BLENDER_USER_RESOURCES": str(folder / "home")}
-    # Mesa maps its cache of shaders into memory: another process that trims it ends this one with SIGBUS.
-    env["MESA_SHADER_CACHE_DIR"] = str(folder / "shaders")
-
-    def blender(*words) -> str:
-        command = list(map(str, (os.environ["BLENDER"], *words)))
-        run = subprocess.run(command, env=env, capture_output=True, text=True, timeout=400)
-        assert run.returncode == 0, run.stdout + run.stderr
-        return run.stdout + run.stderr
-
-    said = blender("--command", "extension", "install-file", "-r", "user_default", "-e", archive)
-    window = ("--window-geometry", 0, 0, 1400, 900, "--gpu-backend", backend)
-    said += blender(*window, scene, "--python", TESTS / driver, "--", *words, photographs, result)
-    assert result.exists(), said
-    found = json.loads(result.read_text())
-    assert "failure" not in found, found["failure"] + said
-    assert "Traceback" not in said, said  # a panel that fails to draw says so there
-    return found
 
 
 def shown_and_baked(photograph: Path, file: Path, frame) -> tuple[np.ndarray, np.ndarray]:
@@ -88,7 +56,7 @@ def parts(image: np.ndarray) -> np.ndarray:
 def check_a_session(backend, archive, display, tmp_path):
     photographs = PHOTOGRAPHS / backend
     out = tmp_path / "out.exr"
-    found = in_a_window(photographs, backend, archive, display, tmp_path, "interface_drive.py", out)
+    found = courtyard_window(photographs, backend, archive, display, tmp_path, "interface_drive.py", out)
     layers = [layer.name for layer in read_layers(out).layers]
     assert found["opens"] == ["CAMERA", True, True]
     assert found["tab"] == "Strata"
@@ -175,7 +143,7 @@ def check_texts(photographs: Path) -> None:
 
 def check_renders(backend, device, archive, display, tmp_path):
     photographs = PHOTOGRAPHS / f"{backend} renders {device}"
-    found = in_a_window(photographs, backend, archive, display, tmp_path, "interface_render.py", device)
+    found = courtyard_window(photographs, backend, archive, display, tmp_path, "interface_render.py", device)
     one_call = SOFTWARE_CALL_SECONDS if device == "gpu" else 0.0
     for name in ("WINDOW", "NONE", "AREA", "SCREEN"):
         seen = found[name]
@@ -207,7 +175,7 @@ def squares(photograph: Path, count: tuple[int, int], frame) -> np.ndarray:
 def check_colours(backend, archive, display, tmp_path):
     """The chart on the screen, as Blender saves the same render."""
     photographs = PHOTOGRAPHS / f"{backend} colours"
-    found = in_a_window(photographs, backend, archive, display, tmp_path, "interface_colours.py")
+    found = courtyard_window(photographs, backend, archive, display, tmp_path, "interface_colours.py")
     count = found["squares"]
     assert {"Standard", "AgX", "Filmic", "False Color", "Raw"} <= set(found["settings"])
     for name in found["settings"]:
