@@ -286,6 +286,13 @@ def test_a_users_tree_stays_and_gets_the_shadowed_image(scene, tmp_path):
     assert scene.compositing_node_group == tree
     assert {node.name for node in tree.nodes} == {layers.name, mine.name, output.name, GROUP_NAME}
     expect(composited(scene, tmp_path), 1.0 - summed(*shadows(scene).values()))
+    # A user's node before ours stays there, too.
+    ours, before = tree.nodes[GROUP_NAME], tree.nodes.new("CompositorNodeInvert")
+    tree.links.new(layers.outputs["Image"], before.inputs["Color"])
+    tree.links.new(before.outputs["Color"], ours.inputs["Image"])
+    bpy.ops.strata.build_compositor()
+    expect(composited(scene, tmp_path), COMBINED - (summed(*shadows(scene).values()) - COMBINED))
+    tree.links.new(layers.outputs["Image"], ours.inputs["Image"])
     bpy.ops.strata.restore_shadows()
     np.testing.assert_allclose(composited(scene, tmp_path)[:, :, :3], 1.0 - COMBINED, atol=1e-6)
 

@@ -246,19 +246,19 @@ def _join(
 ) -> None:
     """`joined`: passes of light groups by the names of the shadows to multiply onto them."""
     sources = _sources(tree, scene, view_layer)
-    group = next((node for node in tree.nodes if _is_ours(node) and _source_of(node) in sources), None)
+    ours = [node for node in tree.nodes if _is_ours(node)]
+    group = next((node for node in ours if any(_reads(node, source) for source in sources)), None)
     if group is None:
         group = _insert(tree, sources)
-    source = _source_of(group)
+    source = next(source for source in sources if _reads(group, source))
     _fill(group.node_tree, file, scene, view_layer, source, joined, is_sequence)
     for socket in group.inputs:
-        tree.links.new(source.outputs[socket.name], socket)
+        if not socket.is_linked:  # a user's nodes may be before it by now
+            tree.links.new(source.outputs[socket.name], socket)
 
 
-def _source_of(group: bpy.types.Node) -> bpy.types.Node | None:
-    """What renders the image that a group of ours gets."""
-    socket = group.inputs.get("Image")
-    return socket.links[0].from_node if socket is not None and socket.is_linked else None
+def _reads(group: bpy.types.Node, source: bpy.types.Node) -> bool:
+    return any(link.from_node == source for socket in group.inputs for link in socket.links)
 
 
 def _insert(tree: bpy.types.NodeTree, sources: list[bpy.types.Node]) -> bpy.types.Node:
