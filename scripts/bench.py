@@ -10,7 +10,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from benchmark import files, goals, idle, lamps, machine, passes, race, scenes, toon, volumetric
+from benchmark import files, goals, idle, lamps, machine, measuring, passes, race, scenes, toon, volumetric
 from benchmark.document import ROOT, milliseconds, significant, write_block
 from benchmark.methods import Effect, Rays, surface_of
 from benchmark.sections import read_sections
@@ -62,6 +62,11 @@ def run_lamps(folder: Path, quick: bool) -> str:
     return lamps.tables(lamps.QUICK if quick else lamps.STREETS)
 
 
+def run_measuring(folder: Path, quick: bool) -> str:
+    """What measuring adds to bakes."""
+    return measuring.tables(quick)
+
+
 def run_toon(folder: Path, quick: bool) -> str:
     """Toon shading."""
     return toon.speed(scenes.open_sample("comic"), quick)
@@ -87,6 +92,7 @@ SECTIONS = {
     "goals": run_goals,
     "idle": run_idle,
     "lamps": run_lamps,
+    "measuring": run_measuring,
     "volumetric": run_volumetric,
     "toon": run_toon,
     "files": run_files,
