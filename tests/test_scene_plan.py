@@ -143,7 +143,7 @@ def test_an_effect_that_does_nothing_says_why(scene):
     ScenePlan().make(depsgraph())
     uid = scene.session_uid
     assert STATE.idle_reason(uid, "soft_shadow") == ""
-    assert STATE.idle_reason(uid, "volumetric_light").startswith("no medium (")
+    assert STATE.idle_reason(uid, "volumetric_light").startswith("no fog (")
     scene.strata.volumetric_light.use_scene_medium = False
     ScenePlan().make(depsgraph())
     assert STATE.idle_reason(uid, "volumetric_light") == ""

@@ -140,7 +140,7 @@ def test_plan_says_why():
     scene = fresh_scene()
     lamp("POINT", (0, 0, 2))
     reasons = {each.what: each.reason for each in planned(scene).left_out}
-    assert reasons["Volumetric Light"] == "no medium (give the world or an object a volume)"
+    assert reasons["Volumetric Light"] == "no fog (give the world or an object a volume)"
     assert not planned(scene).layers
     assert [layer.name for layer in planned(scene, use_scene_medium=False).layers] == [
         "Volumetric Point",

@@ -58,7 +58,7 @@ def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> 
         lacks = (
             "give the world or an object a volume" if params.use_scene_medium else "its coefficients are 0"
         )
-        return recorder.left_out("Volumetric Light", f"no medium ({lacks})")
+        return recorder.left_out("Volumetric Light", f"no fog ({lacks})")
     boxes = boxes_of(outline)
     region = _region(outline, fill, boxes)
     if region is None:
