@@ -9,6 +9,8 @@ import numpy as np
 
 from ...core.emitter import Emitter, EmitterKind
 from ...core.view import Vector, View
+from .sun_views import sun_view
+from .windows import LeftOut, NamedView, padded
 
 WIDEST_SINGLE_TANGENT = 2.5
 """A window up to this slope gets one map; a wider one is nested, each window this much smaller."""
@@ -32,9 +34,6 @@ SEEN_MARGIN = 0.1
 SPARE = 1.5
 """The window of all casters gets a map of its own if it is so many times larger than the receivers'."""
 
-VAST = 0.5
-"""A caster wider than this share of everything is a ground, and no reason to spread a sun's texels thin."""
-
 FARTHEST = 2.5e5
 """Distance of a lamp over the size of what it lights: a map's depths in single precision are 1.5% of that
 size apart there, and farther off they would soon not tell a caster from what it shadows."""
@@ -51,9 +50,6 @@ WINDOW_EDGE = 0.02
 
 ROUND_KINDS = (EmitterKind.SPHERE, EmitterKind.FACING_DISK)
 
-NamedView = tuple[str, View]
-LeftOut = tuple[str, str]
-
 
 def light_views(
     emitter: Emitter,
@@ -61,6 +57,7 @@ def light_views(
     receiver_bounds: np.ndarray,
     away_m: np.ndarray | None = None,
     hold_receivers: bool = False,
+    eye: np.ndarray | None = None,
 ) -> tuple[list[NamedView], list[LeftOut]]:
     """Views to rasterise `emitter`'s casters from, smallest window first, and what needed none, and why.
 
@@ -68,7 +65,9 @@ def light_views(
     space, metres. Nothing outside the windows' union casts a shadow onto a receiver. Names are empty, "wide"
     followed by a number, with a face such as "+X" before it. `away_m` (C,): how far each caster is at least
     from a spot or a point, by its box if None. `hold_receivers`: the widest windows of a spot
-    or a point hold all receivers, to look up where each is even if nothing casts (beside.py).
+    or a point hold all receivers, to look up where each is even if nothing casts (beside.py). `eye` (3,):
+    where the camera is, if the receivers are boxes of about as many of its pixels each: a sun's maps then get
+    finer windows around the nearest.
     """
     casters = np.asarray(caster_bounds, np.float64).reshape(-1, 2, 3)
     receivers = np.asarray(receiver_bounds, np.float64).reshape(-1, 2, 3)
@@ -76,7 +75,7 @@ def light_views(
     may_shadow = _may_shadow(emitter, casters, receivers)
     casters, away = casters[may_shadow], away[may_shadow]
     if emitter.kind == EmitterKind.DISTANT_DISK:
-        return _sun_view(emitter, casters, receivers)
+        return sun_view(emitter, casters, receivers, eye)
     if emitter.kind not in ROUND_KINDS or emitter.cos_cone > WIDEST_SPOT:
         axes = (emitter.right, emitter.up, emitter.forward)
         return _nested_views(emitter, axes, casters, away, receivers, _lit_tangent(emitter), hold_receivers)
@@ -197,10 +196,10 @@ def _holding(receivers: _Boxes, lit: float, whole: tuple | None) -> tuple:
     """Window, near and far of `whole`, or of nothing, so wide that they hold the receivers."""
     low, high, depths, _ = receivers.slopes(lit)
     low, high, far = low.min(axis=1), high.max(axis=1), 1.001 * float(depths.max())
-    window, near, far = whole or (_padded(low, high), SMALLEST_NEAR * far, far)
+    window, near, far = whole or (padded(low, high), SMALLEST_NEAR * far, far)
     left, right, bottom, top = window
     low, high = np.minimum(low, (left, bottom)), np.maximum(high, (right, top))
-    return _padded(low, high), near, far
+    return padded(low, high), near, far
 
 
 def _intersection(a: tuple, b: tuple) -> tuple:
@@ -294,7 +293,7 @@ def _window(emitter: Emitter, casters: _Boxes, receivers: _Boxes, lit: float, wi
     if spans is None:
         return None, reason
     low, high, near, far, _ = spans
-    return (_padded(low.min(axis=1), high.max(axis=1)), near, far * 1.001), ""
+    return (padded(low.min(axis=1), high.max(axis=1)), near, far * 1.001), ""
 
 
 def _spans(emitter: Emitter, casters: _Boxes, receivers: _Boxes, lit: float, widest: float):
@@ -359,67 +358,3 @@ def _reach(
     turn = np.arctan(np.tan(turn) * np.hypot(1.0, aside[::-1])[:, None])
     angle = np.minimum(np.arctan(aside)[:, None] + turn, 0.5 * np.pi - 1e-6)
     return np.minimum(on_plane, np.tan(angle) - aside[:, None])
-
-
-def _sun_view(
-    emitter: Emitter, casters: np.ndarray, receivers: np.ndarray
-) -> tuple[list[NamedView], list[LeftOut]]:
-    """Orthographic views of the casters, no wider than the receivers' bounds and the penumbra's reach, so
-    that neither a vast ground nor casters far aside waste texels."""
-    if not len(receivers):
-        return [], [("map", "no receivers")]
-    if not len(casters):
-        return [], [("map", "no casters")]
-    axes = np.array([emitter.right, emitter.up, emitter.forward])
-    middle = 0.5 * (receivers[:, 0].min(axis=0) + receivers[:, 1].max(axis=0))
-    receiver_low, receiver_high = _ranges(receivers - middle, axes)
-    receiver_low, receiver_high = receiver_low.min(axis=0), receiver_high.max(axis=0)
-    caster_low, caster_high = _ranges(casters - middle, axes)
-    # The disk's rays spread by its radius (a tangent) per metre between caster and receiver.
-    height = np.maximum(receiver_high[2] - caster_low[:, 2:], 0.0)
-    reach = height * np.array([emitter.half_width, emitter.half_height])
-    low = np.maximum(caster_low[:, :2], receiver_low[:2] - reach)
-    high = np.minimum(caster_high[:, :2], receiver_high[:2] + reach)
-    inside = (low <= high).all(axis=1) & (caster_low[:, 2] < receiver_high[2])
-    if not inside.any():
-        return [], [("map", "no casters")]
-    low, high = low[inside], high[inside]
-    nearest, farthest = caster_low[inside, 2].min(), receiver_high[2]
-    margin = 1e-3 * (farthest - nearest)
-    near, far = float(0.5 * margin), float(farthest - nearest + 2.0 * margin)
-    lamp_axes = (emitter.right, emitter.up, emitter.forward)
-    views = []
-    for name, (window_low, window_high) in _sun_windows(low, high):
-        eye = middle + (nearest - margin) * axes[2] + axes[:2].T @ (0.5 * (window_low + window_high))
-        half = 0.5 * (window_high - window_low)
-        window = _padded(-half, half)
-        views.append((name, View(tuple(eye.tolist()), *lamp_axes, window, near, far, orthographic=True)))
-    return views, []
-
-
-def _ranges(boxes: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest place (N, 3) of boxes (N, 2, 3) along each of `axes` (3, 3)."""
-    middle, half = 0.5 * (boxes[:, 0] + boxes[:, 1]) @ axes.T, 0.5 * (boxes[:, 1] - boxes[:, 0]) @ abs(axes).T
-    return middle - half, middle + half
-
-
-def _sun_windows(low: np.ndarray, high: np.ndarray) -> list[tuple[str, tuple[np.ndarray, np.ndarray]]]:
-    """Around casters whose boxes seen from the sun are `low` and `high` (C, 2): one window around all, and
-    before it a smaller one around all but the vast (the ground that a town stands on), if that helps."""
-    whole = low.min(axis=0), high.max(axis=0)
-    size = whole[1] - whole[0]
-    compact = (high - low <= VAST * size).all(axis=1)
-    if not compact.any():
-        return [("", whole)]
-    inner = low[compact].min(axis=0), high[compact].max(axis=0)
-    if np.prod(inner[1] - inner[0]) > 0.5 * np.prod(size):
-        return [("", whole)]
-    return [("", inner), ("wide 1", whole)]
-
-
-def _padded(low: np.ndarray, high: np.ndarray) -> tuple[float, float, float, float]:
-    """Left, right, bottom, top, a little wider so that no edge falls on the border, and never empty."""
-    size = high - low
-    margin = np.maximum(0.002 * size, 1e-6 * size.max() + 1e-12)
-    low, high = low - margin, high + margin
-    return float(low[0]), float(high[0]), float(low[1]), float(high[1])
