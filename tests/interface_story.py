@@ -122,9 +122,12 @@ class Artist:
 
     def render(self, seconds: float = 120.0):
         """F12 in the display that is set, to its end; the picture as it would be saved."""
+        done, told = [], bpy.app.handlers.render_complete
+        noted = lambda *_: done.append(True)  # noqa: E731
+        told.append(noted)
         yield from self.press("F12")
-        yield from person.wait(is_rendering)
-        yield from person.wait(lambda: not is_rendering(), seconds)
+        yield from person.wait(lambda: done and not is_rendering(), seconds)
+        told.remove(noted)
         yield 1.0
 
     def rendered(self) -> np.ndarray:

@@ -1,0 +1,38 @@
+"""Makes the pictures of docs/tutorial.md from the photographs that tests/test_story.py takes of a Blender
+window: `make test-interface`, then `python scripts/tutorial_pictures.py`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PIL import Image
+
+ROOT = Path(__file__).resolve().parents[1]
+PHOTOGRAPHS = ROOT / "out" / "interface"
+PICTURES = {
+    "sidebar": "opengl story/1 sidebar",
+    "baked": "opengl story/2 baked",
+    "preview": "opengl story/3 preview",
+    "engine": "opengl story/4 engine",
+    "compositor": "opengl story/5 compositor",
+    "imported": "opengl imported/6 imported",
+}
+"""Photographs by the names of the pictures."""
+
+WIDTH = 1000  # pixels; the window's are 1400
+COLOURS = 200  # of a palette: a fifth of the bytes
+
+
+def main() -> None:
+    """Writes docs/images/tutorial_*.png."""
+    for name, photograph in PICTURES.items():
+        with Image.open(PHOTOGRAPHS / f"{photograph}.png") as image:
+            height = round(image.height * WIDTH / image.width)
+            small = image.convert("RGB").resize((WIDTH, height), Image.Resampling.LANCZOS)
+        path = ROOT / "docs" / "images" / f"tutorial_{name}.png"
+        small.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+        print(f"{path.relative_to(ROOT)}: {path.stat().st_size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()
