@@ -159,7 +159,9 @@ class STRATA_OT_bake(bpy.types.Operator):
         if self._waits:
             where = " to images; once this Blender file is saved, also to a file beside it"
         seconds = baked.layers.report["seconds"]
-        self.report({"INFO"}, f"Baked {len(baked.layers.layers)} layers in {seconds:.1f} s{where}")
+        count = len(baked.layers.layers)
+        layers = f"{count} layers" if count > 1 else "1 layer"
+        self.report({"INFO"}, f"Baked {layers} in {seconds:.1f} s{where}")
         return {"FINISHED"}
 
     def _failed(self, error: BaseException):

@@ -13,6 +13,7 @@ from .surface import ATTRIBUTES
 
 MEBIBYTE = 1 << 20
 GIGABYTE = 10**9
+MEGABYTE = 10**6
 
 NUMBER_BYTES = 4
 LIVE_VALUES = 5
@@ -54,14 +55,14 @@ class MemoryEstimate:
         if self.needed <= self.budget:
             return None
         return (
-            f"memory: the bake takes about {gigabytes(self.needed)}, over its budget of "
-            f"{gigabytes(self.budget)}, with as few layers at a time as it can"
+            f"memory: the bake takes about {size_of(self.needed)}, over its budget of "
+            f"{size_of(self.budget)}, with as few layers at a time as it can"
         )
 
     @property
     def sentence(self) -> str:
         """For a person, in one line."""
-        line = f"memory: about {gigabytes(self.total)}, of which layers {gigabytes(self.layers)}"
+        line = f"memory: about {size_of(self.total)}, of which layers {size_of(self.layers)}"
         return line + (f"; worked off in {self.groups} groups of lamps" if self.groups > 1 else "")
 
     def to_json(self) -> dict[str, int]:
@@ -76,9 +77,11 @@ class MemoryEstimate:
         }
 
 
-def gigabytes(count: int) -> str:
-    """For a person: "1.4 GB"."""
-    return f"{count / GIGABYTE:.1f} GB" if count >= 0.95 * GIGABYTE else f"{count / GIGABYTE:.2f} GB"
+def size_of(count: int) -> str:
+    """For a person: "1.4 GB", "520 MB"."""
+    if count >= 0.95 * GIGABYTE:
+        return f"{count / GIGABYTE:.1f} GB"
+    return f"{count / MEGABYTE:.0f} MB" if count >= MEGABYTE else "less than 1 MB"
 
 
 def in_groups(
