@@ -85,3 +85,15 @@ def test_measuring_is_expected_to_go_on_as_it_began():
     few = MeasuringOutlook(graph, outline, None)
     few.has_tree = True
     assert few.seconds_left(0.1) == pytest.approx(0.15 * 2.0)
+
+
+def test_what_has_more_to_do_takes_as_many_times_as_long(monkeypatch):
+    monkeypatch.setattr(progress, "_learnt", {})
+    fog = Step("fog", per_surface=True, work_of=lambda node: node.params["points"])
+    small, large = (Node(fog, str(points), (), {"points": points}) for points in (1, 28))
+    layers = tuple(PlannedLayer(f"Layer {node.instance}", "", node, LIT) for node in (small, large))
+    graph = Graph(layers, (), None, frozenset(), frozenset())
+    execution = Execution()
+    forecast = Forecast([graph], 1, PIXELS, execution)
+    execution.add_time(small, "cpu", 2.0)
+    assert forecast.seconds_left() == pytest.approx(28 * 2.0)

@@ -40,6 +40,8 @@ class Step:
     `copyable`: its value can be moved between devices; if not, the step runs again where it is wanted.
     `bytes_of(node, outline)`: about how many bytes a node's value takes while it is kept, None where it is
     next to nothing or one tile's. `sum`: how it comes apart, None where it does not.
+    `work_of(node)`: how many times as long as the least node of the step a run takes, None where all take
+    about as long.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Step:
     told_chunk: bool = False
     bytes_of: Callable[[Node, Outline], int] | None = None
     sum: Sum | None = None
+    work_of: Callable[[Node], float] | None = None
 
     def twin(self, device_name: str) -> Callable | None:
         return self.cpu if device_name == "cpu" else self.gpu

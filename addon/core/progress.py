@@ -1,8 +1,9 @@
 """How long a bake still takes, from what its nodes have taken so far.
 
 A node at the surface runs once for every chunk, so its first runs tell of the others; a node that has not
-run yet takes what others of its step took, in this bake or an earlier one of this process; what nothing is
-known of takes what that step takes on an ordinary machine, times how much slower this one has been so far.
+run yet takes what others of its step took for as much work, in this bake or an earlier one of this process;
+what nothing is known of takes what that step takes on an ordinary machine, times how much slower this one has
+been so far.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ ORDINARY_SECONDS = {
     "surface": 200e-9,
     "soft_shadow/backproject": 1200e-9,
     "soft_shadow/visibility": 1e-9,
-    "volumetric_light/bounded_airlight": 4000e-9,
+    "volumetric_light/bounded_airlight": 450e-9,
     "volumetric_light/bounded_transmittance": 100e-9,
 }
 """Of steps that are not as most are: per run, at the surface per pixel. Only their ratios count."""
@@ -31,8 +32,8 @@ KNOWN_SECONDS = 0.5
 """What these are worth beside what the bake has shown so far: its first steps tell little of the others."""
 
 _learnt: dict[tuple[str, bool], float] = {}
-"""Seconds per run, or per pixel of a step at the surface, in the bakes of this process: a sequence's second
-frame knows what the first one took."""
+"""Seconds per run of the least work, or per pixel of a step at the surface, in the bakes of this process: a
+sequence's second frame knows what the first one took."""
 
 
 class Forecast:
@@ -92,7 +93,9 @@ class Forecast:
         return found
 
     def _unit(self, node: Node) -> float:
-        return self._pixels if node.per_surface else 1.0
+        """How much a run has to do, in what seconds are kept for."""
+        work = node.step.work_of(node) if node.step.work_of else 1.0
+        return work * (self._pixels if node.per_surface else 1.0)
 
 
 def _kind(node: Node) -> tuple[str, bool]:

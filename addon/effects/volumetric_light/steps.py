@@ -113,6 +113,12 @@ def _limits(surface, view, chunk: Chunk) -> tuple[np.ndarray, np.ndarray]:
     return np.float32(view.near) * lengths, surface["depth"] * lengths
 
 
+def _work(node: Node) -> float:
+    """Each point of a source has its walk along a ray, and half as much again for each more of its maps."""
+    counts = node.params["counts"]
+    return max(0.5 * (len(counts) + sum(counts)), 1.0)
+
+
 def _light_map_bytes(node: Node, outline: Outline) -> int:
     """Lowest and highest of each texel; coarser maps add a third."""
     depth = node.inputs[0].params
@@ -144,14 +150,24 @@ MEDIUM_MAP = Step(
 # A bounded medium's entries and exits along the camera's rays.
 SPANS = Step("volumetric_light/spans", cpu=_spans, gpu=gpu_steps.spans, per_surface=True, told_chunk=True)
 # Light of one source of a light, scattered once towards the eye (source, eq. 2.2) in a medium without end.
-AIRLIGHT = Step("volumetric_light/airlight", cpu=_airlight, gpu=gpu_steps.airlight, told_chunk=True)
+AIRLIGHT = Step(
+    "volumetric_light/airlight", cpu=_airlight, gpu=gpu_steps.airlight, told_chunk=True, work_of=_work
+)
 # The same in a medium that fills meshes.
 BOUNDED = Step(
-    "volumetric_light/bounded_airlight", cpu=_bounded, gpu=gpu_steps.bounded_airlight, told_chunk=True
+    "volumetric_light/bounded_airlight",
+    cpu=_bounded,
+    gpu=gpu_steps.bounded_airlight,
+    told_chunk=True,
+    work_of=_work,
 )
 # The same by the source's table of the antiderivative (source, listings 2.3 and 2.4).
 BY_TABLE = Step(
-    "volumetric_light/airlight_by_table", cpu=_by_table, gpu=gpu_steps.airlight_by_table, told_chunk=True
+    "volumetric_light/airlight_by_table",
+    cpu=_by_table,
+    gpu=gpu_steps.airlight_by_table,
+    told_chunk=True,
+    work_of=_work,
 )
 # All sources of a light together, at every pixel.
 SCATTERED = Step("volumetric_light/scattered", cpu=_scattered, gpu=gpu_steps.scattered, told_chunk=True)
