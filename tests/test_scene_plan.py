@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import bpy
 import pytest
 import strata
@@ -273,3 +275,38 @@ def test_a_bakes_own_plan_stays_until_the_scene_changes(scene):
     watched.touch()
     look(watched)
     assert STATE.plans[scene.session_uid] is not baked
+
+
+def test_while_blender_renders_or_bakes_nothing_is_evaluated(scene, monkeypatch):
+    watched = watching._watched[scene.session_uid] = watching._Watched()
+    monkeypatch.setattr(watching, "_is_seen", lambda window: True)
+    look(watched)
+    evaluated = []
+    bpy.app.handlers.depsgraph_update_post.append(lambda *_: evaluated.append(1))
+    try:
+        lamp().location.x += 1.0  # evaluated as soon as somebody asks
+        with monkeypatch.context() as running:
+            running.setattr(watching, "_is_job_running", lambda: True)
+            watched.touched_at -= 1e6
+            watching._look()
+            assert not evaluated
+        depsgraph()
+        assert evaluated
+    finally:
+        bpy.app.handlers.depsgraph_update_post.pop()
+        watching._watched.clear()
+    bpy.ops.strata.plan()  # as a render leaves one behind
+    watched.plan.forget()  # edited while it ran
+    before = STATE.plans[scene.session_uid]
+    watched.touch()
+    look(watched)
+    assert STATE.plans[scene.session_uid] is not before
+
+
+def test_while_a_job_locks_the_interface_nothing_is_touched(monkeypatch):
+    locked = SimpleNamespace(is_interface_locked=True)
+    monkeypatch.setattr(watching, "bpy", SimpleNamespace(context=SimpleNamespace(window_manager=locked)))
+    watching._look()
+    locked.is_interface_locked = False
+    with pytest.raises(AttributeError):
+        watching._look()

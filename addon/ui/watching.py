@@ -23,6 +23,7 @@ TICK_SECONDS = 0.2
 PAUSE_SECONDS = 0.4  # without a change, before anything is read
 PAUSES = 10.0  # and at least so many times what the last plan took
 LONGEST_SECONDS = 1.0
+JOBS = ("RENDER", "OBJECT_BAKE")  # of Blender's, that read what is evaluated; most others lock the interface
 
 
 class _Watched:
@@ -83,6 +84,11 @@ class _Watched:
         if self.before_bake is None:
             self.before_bake = self._now(window)
 
+    def begin_job(self) -> None:
+        """The same while a job of Blender's is at work, when nothing may be evaluated."""
+        if self.before_bake is None:
+            self.before_bake = self.stands_for or ()
+
     def _take_over(self, window: bpy.types.Window) -> None:
         """A plan that others have made stands for what the scene was when they read it."""
         uid = window.scene.session_uid
@@ -91,7 +97,7 @@ class _Watched:
             self.stands_for = None
             self.touch()
             return
-        self.stands_for = self.before_bake or self._now(window)
+        self.stands_for = self._now(window) if self.before_bake is None else self.before_bake
 
     def _now(self, window: bpy.types.Window) -> tuple:
         with bpy.context.temp_override(window=window):
@@ -147,16 +153,25 @@ def _tick() -> float:
     return TICK_SECONDS
 
 
+def _is_job_running() -> bool:
+    return any(map(bpy.app.is_job_running, JOBS))
+
+
 def _look() -> None:
-    windows = list(bpy.context.window_manager.windows)
+    manager = bpy.context.window_manager
+    if manager.is_interface_locked:  # what would be evaluated here a job is at work on
+        return
+    windows = list(manager.windows)
     seen: Iterator[bpy.types.Window] = (window for window in windows if _is_seen(window))
     by_scene = {window.scene.session_uid: window for window in reversed(list(seen))}
     if not by_scene or _is_busy(windows):
         return
-    is_baking = STATE.is_baking or bpy.app.is_job_running("RENDER")
+    is_job_running = _is_job_running()
     for uid, window in by_scene.items():
         watched = _watched.setdefault(uid, _Watched())
-        if is_baking:
+        if is_job_running:
+            watched.begin_job()
+        elif STATE.is_baking:
             watched.begin_bake(window)
         elif watched.look(window):
             redraw(windows)
