@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 from pathlib import Path
 from typing import Any, NoReturn
@@ -173,9 +174,14 @@ def read_outputs(arguments: argparse.Namespace, frame_list: tuple[int, ...], ble
     for flag, target in (("-o", output), ("--report", report)):
         if target and len(frame_list) > 1 and not target.is_numbered:
             raise StrataError(f"{flag}: several frames need #### in '{target.text}' for the frame number")
-    if report:
-        path = report.path(frame_list[0]).absolute()
-        taken = [output.path(frame_list[0])]
-        taken += [Path(arguments.scene_file).absolute()] if arguments.scene_file else []
-        if path in taken:
-            raise StrataError(f"--report: '{report.text}' is already the name of another file of this bake")
+    taken = {_same_file(blend)} if blend else set()
+    for flag, target in (("-o", output), ("--report", report)):
+        paths = {_same_file(target.path(frame)) for frame in frame_list} if target else set()
+        if paths & taken:
+            raise StrataError(f"{flag}: '{target.text}' is already the name of another file of this bake")
+        taken |= paths
+
+
+def _same_file(path: Path) -> str:
+    """Equal where writing to the one writes to the other."""
+    return os.path.normcase(os.path.realpath(path))

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import pytest
 from exr_layers import read_layers
+from strata.addon.core.errors import StrataError
 from strata.addon.effects.registry import EFFECTS
-from strata.ops.arguments import frames, names, setting, size
+from strata.ops.arguments import build_parser, frames, names, read_outputs, setting, size
 from strata.ops.cli import main
 from strata.ops.terminal import Progress, time_left
 
@@ -115,6 +116,23 @@ def test_complaints_are_one_line(words, complaint, tmp_path, capfd):
     assert complaint in err
     assert len(err.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_no_output_goes_over_the_open_blend_or_another(tmp_path):
+    """As in `blender -b S.blend --command strata`, where no word names the scene."""
+    blend = tmp_path / "shot_2.blend"
+    blend.touch()
+    (tmp_path / "link.exr").symlink_to(blend)
+    for words in (
+        f"-o {tmp_path}/x.exr --report {blend}",
+        f"-o {tmp_path}/x.exr --report //../{tmp_path.name}/shot_2.blend",
+        f"-o {tmp_path}/x_#.exr --report {tmp_path}/shot_#.blend",
+        f"-o {tmp_path}/link.exr",
+        f"-o {tmp_path}/x_#.exr --report {tmp_path}/x_#.exr",
+    ):
+        arguments = build_parser(needs_scene=False).parse_args(["bake", *words.split()])
+        with pytest.raises(StrataError, match="another file"):
+            read_outputs(arguments, (1, 2) if "#" in words else (1,), blend)
 
 
 def test_help_is_on_stdout(capfd):
