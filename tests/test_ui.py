@@ -148,7 +148,7 @@ def test_an_older_files_settings_are_brought_up_to_date(scene, tmp_path, stored,
     assert "make_images" not in bpy.context.scene.bl_system_properties_get()["strata"]
 
 
-def test_an_older_files_key_light_is_found_by_its_name(scene, tmp_path):
+def test_an_older_files_key_light_is_found_by_its_name(scene, tmp_path, capfd):
     name = a_lamp().name
     for told, found in ((name, name), ("Nobody", None)):
         open_blend(SAMPLES / "plain.blend")
@@ -156,6 +156,24 @@ def test_an_older_files_key_light_is_found_by_its_name(scene, tmp_path):
         bpy.ops.wm.open_mainfile(filepath=path)
         key = bpy.context.scene.strata.toon.key_light
         assert (key.name if key else None) == found
+        assert ("'Nobody' is no lamp" in capfd.readouterr().err) == (found is None)
+
+
+@pytest.mark.parametrize(("told", "found"), [("Key.001", "Key.001"), ("Key", None), ("Within Rig", "Within")])
+def test_an_older_scenes_key_light_is_one_of_its_own(scene, tmp_path, told, found):
+    """Not of another scene; also one that a collection's instance shows."""
+    a_lamp().name = "Key.001"
+    elsewhere = bpy.data.scenes.new("Elsewhere")
+    elsewhere.collection.objects.link(bpy.data.objects.new("Key", bpy.data.lights.new("Key", "POINT")))
+    within = bpy.data.collections.new("Lamps")
+    within.objects.link(bpy.data.objects.new("Within", bpy.data.lights.new("Within", "POINT")))
+    rig = bpy.data.objects.new("Rig", None)
+    rig.instance_type, rig.instance_collection = "COLLECTION", within
+    scene.collection.objects.link(rig)
+    name = scene.name
+    bpy.ops.wm.open_mainfile(filepath=old_file(tmp_path, {"toon.key_light": told}))
+    key = bpy.data.scenes[name].strata.toon.key_light
+    assert (key.name if key else None) == found
 
 
 def test_a_key_light_keeps_its_lamp_when_that_is_renamed(scene):

@@ -98,6 +98,18 @@ class LampNames:
             if named.outermost.session_uid in objects:
                 yield named
 
+    def called(self, name: str, scene: bpy.types.Scene) -> bpy.types.Object | None:
+        """The object behind what a lamp of the scene is called, its own name before what its layers are
+        called; None where no lamp is called so, but for what geometry nodes, particles or faces make."""
+        lamps = [named for view_layer in scene.view_layers for named in self.standing(view_layer)]
+        for names_of in (
+            lambda named: (named.lamp.name, named.lamp.name_full),
+            lambda named: (named.name, named.key, named.pass_name),
+        ):
+            if found := next((named.lamp for named in lamps if name in names_of(named)), None):
+                return found
+        return next((t for t in scene.objects if t.type == "LIGHT" and name in (t.name, t.name_full)), None)
+
     def chosen(
         self, names: Iterable[str], scene: bpy.types.Scene, view_layers: Iterable[bpy.types.ViewLayer]
     ) -> tuple[str, ...]:

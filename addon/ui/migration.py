@@ -7,6 +7,7 @@ was never changed from its default is not stored.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable
 from enum import Enum
 from typing import Any
@@ -16,12 +17,13 @@ from bpy.app.handlers import blend_import_post, load_post, persistent, save_pre
 
 from ..core.errors import told_once
 from ..effects.registry import EFFECTS
+from ..scene.lamp_names import LampNames
 
 # What Blender keeps properties in: names to numbers, texts and further groups.
 Stored = Any
 
 
-def _choose_where_to_save(stored: Stored) -> None:
+def _choose_where_to_save(stored: Stored, _scene: bpy.types.Scene) -> None:
     """One choice (images 0, file 1, both 2) for a switch for images and a file name that might be empty."""
     has_images = bool(stored.pop("make_images", True))
     has_file = stored.get("output", "//") != ""
@@ -31,7 +33,7 @@ def _choose_where_to_save(stored: Stored) -> None:
         stored["save_to"] = 1 if has_file else 0
 
 
-def _renumber_choices(stored: Stored) -> None:
+def _renumber_choices(stored: Stored, _scene: bpy.types.Scene) -> None:
     """Numbers of choices that an animation can hold: 22 bits of the word's hash instead of 31."""
     for effect in EFFECTS:
         group = stored.get(effect.id)
@@ -40,23 +42,26 @@ def _renumber_choices(stored: Stored) -> None:
                 group[spec.name] &= 0x3FFFFF
 
 
-def _keep_output(stored: Stored) -> None:
+def _keep_output(stored: Stored, _scene: bpy.types.Scene) -> None:
     """What was the default, so that a compositor's nodes find the file again; braces were only braces."""
     output = stored.get("output", "//strata_####.exr")
     stored["output"] = output.replace("{", "{{").replace("}", "}}")
 
 
-def _point_at_key_light(stored: Stored) -> None:
+def _point_at_key_light(stored: Stored, scene: bpy.types.Scene) -> None:
     """The lamp itself for its name."""
     toon = stored.get("toon")
     name = toon.pop("key_light", None) if toon is not None else None
-    if isinstance(name, str):
-        lamps = (thing for thing in bpy.data.objects if thing.type == "LIGHT")
-        if lamp := next((each for each in lamps if name in (each.name, each.name_full)), None):
-            toon["key_light"] = lamp
+    if not isinstance(name, str) or not name:
+        return
+    if lamp := LampNames().called(name, scene):
+        toon["key_light"] = lamp
+    else:
+        told = f"toon's key light '{name}' is no lamp of it, so all lamps count now"
+        print(f"strata: scene '{scene.name}': {told}", file=sys.stderr)
 
 
-_STEPS: tuple[Callable[[Stored], None], ...] = (
+_STEPS: tuple[Callable[[Stored, bpy.types.Scene], None], ...] = (
     _choose_where_to_save,
     _renumber_choices,
     _keep_output,
@@ -74,7 +79,7 @@ def migrate(scenes: Iterable[bpy.types.Scene]) -> None:
         if not stored or not stored.keys() or not scene.is_editable:
             continue
         for step in _STEPS[stored.get("version", 0) :]:
-            step(stored)
+            step(stored, scene)
         stored["version"] = max(stored.get("version", 0), VERSION)
 
 
