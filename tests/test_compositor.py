@@ -11,6 +11,7 @@ from conftest import SAMPLES
 from exr_layers import read_layers
 from scan_scenes import empty_scene
 from strata.addon.engine import passes
+from strata.addon.layers import compositor
 from strata.addon.layers.compositor import GROUP_NAME
 from strata.addon.layers.exr_header import header_of
 from strata.addon.scene.open import open_blend
@@ -621,6 +622,28 @@ def no_exr(scene):
     scene.strata.output = "//scene.blend"
 
 
+def tree_of_a_user(scene) -> bpy.types.NodeTree:
+    """With nothing but a way out."""
+    tree = bpy.data.node_groups.new("Mine", "CompositorNodeTree")
+    tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    tree.nodes.new("NodeGroupOutput")
+    scene.compositing_node_group = tree
+    return tree
+
+
+def render_layers_in_a_group(scene):
+    inner = bpy.data.node_groups.new("Inner", "CompositorNodeTree")
+    inner.nodes.new("CompositorNodeRLayers")
+    tree_of_a_user(scene).nodes.new("CompositorNodeGroup").node_tree = inner
+
+
+def linked_nodes(scene):
+    bpy.data.libraries.write(path := bpy.path.abspath("//nodes.blend"), {tree_of_a_user(scene)})
+    with bpy.data.libraries.load(path, link=True) as (_, taken):
+        taken.node_groups = ["Mine"]
+    (scene.compositing_node_group,) = taken.node_groups
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -631,6 +654,12 @@ def no_exr(scene):
         (other_camera, "and the scene renders from 'Other': bake again"),
         (other_view_layer, "view layer 'Second' renders too and has no shadow of it: bake that as well"),
         (no_view_layer, "no view layer renders"),
+        (
+            tree_of_a_user,
+            "the compositor has no Render Layers node of view layer 'ViewLayer' at its top level",
+        ),
+        (render_layers_in_a_group, "no Render Layers node of view layer 'ViewLayer' at its top level"),
+        (linked_nodes, "the compositor's nodes 'Mine' are linked from a library and cannot be changed"),
     ],
 )
 def test_a_file_that_does_not_fit_is_refused_and_nothing_changes(scene, change, reason):
@@ -646,6 +675,17 @@ def test_an_engine_without_light_groups_is_refused_and_nothing_changes(scene):
     before = everything(scene)
     assert "FLAT renders no light groups" in refused()
     assert everything(scene) == before
+
+
+def test_whatever_fails_leaves_each_lamp_a_shadow(scene, monkeypatch):
+    def fails(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(compositor, "_fill", fails)
+    assert "not enough memory" in refused()
+    assert all(lamp.data.use_shadow for lamp in lamps(scene).values())
+    assert not any(lamp.data.strata_shadow_composited for lamp in lamps(scene).values())
+    assert not bpy.context.view_layer.lightgroups
 
 
 def test_a_file_of_a_render_region_does_not_do_for_more(scene, tmp_path):

@@ -64,23 +64,24 @@ def build(
     apart = _apart(shadows, division)
     if not division.joined:
         raise StrataError(_nothing(next(iter(paths.values())), apart))
+    joined = _joined_passes(shadows, division)
+    layers = _layers_to_join(scene, joined)
     made = light_groups.add_groups(division, paths)
     if lacking := _lacking(scene, paths, division):
         light_groups.remove_groups(made)
         raise StrataError(f"{scene.render.engine} renders no light groups: there is no pass '{lacking}'")
-    switched, given_back = light_groups.apply(division, scene)
+    try:
+        switched, given_back = light_groups.apply(division, scene)
+        tree = scene.compositing_node_group or _new_tree(scene, layers[0])
+        for layer in layers:
+            image = _load(paths[layer], is_sequence, is_beside)
+            _join(tree, scene, layer, image, joined[layer], is_sequence)
+    except BaseException:
+        # Lamps that have no shadow at all would be the worst of it, and no undo step is there.
+        take_away(scene)
+        light_groups.remove_groups(made)
+        raise
     scene.render.use_compositing = True
-    tree = scene.compositing_node_group
-    with_nodes = [layer for layer in paths if tree is not None and _sources(tree, scene, layer)]
-    for layer in with_nodes or list(paths)[:1]:
-        tree = tree or _new_tree(scene, layer)
-        joined = {
-            output: _pass_of(division.joined[lamp].group)
-            for output, lamp in shadows[layer].items()
-            if lamp in division.joined
-        }
-        if joined:
-            _join(tree, scene, layer, _load(paths[layer], is_sequence, is_beside), joined, is_sequence)
     names = [name for found in shadows.values() for name, lamp in found.items() if lamp in division.joined]
     others = {name for layer, header in headers.items() for name in _others(header, layer)}
     return Built(
@@ -145,6 +146,42 @@ def _apart(shadows: dict[bpy.types.ViewLayer, dict[str, str]], division: Divisio
         for name, lamp in found.items()
         if lamp not in division.joined
     }
+
+
+def _joined_passes(
+    shadows: dict[bpy.types.ViewLayer, dict[str, str]], division: Division
+) -> dict[bpy.types.ViewLayer, dict[str, str]]:
+    """For each view layer that has any, passes of light groups by the names of the shadows to multiply onto
+    them."""
+    found = {
+        layer: {
+            output: _pass_of(division.joined[lamp].group)
+            for output, lamp in names.items()
+            if lamp in division.joined
+        }
+        for layer, names in shadows.items()
+    }
+    return {layer: joined for layer, joined in found.items() if joined}
+
+
+def _layers_to_join(scene: bpy.types.Scene, joined: Iterable[bpy.types.ViewLayer]) -> list:
+    """Those of `joined` that the compositor shows; the first where there is no compositor yet. Raises
+    StrataError for a compositor that cannot be built into."""
+    tree = scene.compositing_node_group
+    if tree is None:
+        return list(joined)[:1]
+    if not tree.is_editable:
+        raise StrataError(
+            f"the compositor's nodes '{tree.name}' are linked from a library and cannot be changed: "
+            "make them local"
+        )
+    found = [layer for layer in joined if _sources(tree, scene, layer)]
+    if not found:
+        raise StrataError(
+            f"the compositor has no Render Layers node of view layer '{next(iter(joined)).name}' at its top "
+            "level: add one"
+        )
+    return found
 
 
 def _elsewhere(scene: bpy.types.Scene) -> list[str]:
