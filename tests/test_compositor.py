@@ -644,6 +644,21 @@ def linked_nodes(scene):
     (scene.compositing_node_group,) = taken.node_groups
 
 
+def only_the_noisy_image(scene):
+    tree, FlatEngine.is_denoised = tree_of_a_user(scene), True
+    layers, denoise = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("CompositorNodeDenoise")
+    bpy.context.view_layer.update_render_passes()
+    tree.links.new(layers.outputs["Noisy Image"], denoise.inputs["Image"])
+    tree.links.new(denoise.outputs["Image"], tree.nodes["Group Output"].inputs[0])
+    tree.links.new(layers.outputs["Image"], tree.nodes.new("CompositorNodeViewer").inputs["Image"])
+
+
+def only_alpha(scene):
+    tree = tree_of_a_user(scene)
+    layers = tree.nodes.new("CompositorNodeRLayers")
+    tree.links.new(layers.outputs["Alpha"], tree.nodes["Group Output"].inputs[0])
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -660,6 +675,8 @@ def linked_nodes(scene):
         ),
         (render_layers_in_a_group, "no Render Layers node of view layer 'ViewLayer' at its top level"),
         (linked_nodes, "the compositor's nodes 'Mine' are linked from a library and cannot be changed"),
+        (only_the_noisy_image, "for view layer 'ViewLayer' nothing does, only Noisy Image: use Image"),
+        (only_alpha, "for view layer 'ViewLayer' nothing does: use Image"),
     ],
 )
 def test_a_file_that_does_not_fit_is_refused_and_nothing_changes(scene, change, reason):

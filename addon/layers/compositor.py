@@ -181,7 +181,15 @@ def _layers_to_join(scene: bpy.types.Scene, joined: Iterable[bpy.types.ViewLayer
             f"the compositor has no Render Layers node of view layer '{next(iter(joined)).name}' at its top "
             "level: add one"
         )
-    return found
+    shown = [layer for layer in found if _shows_image(tree, _sources(tree, scene, layer))]
+    for layer in found:
+        lit = {name for source in _sources(tree, scene, layer) for name in _lit_passes_shown(source)}
+        if layer not in shown and (lit or not shown):
+            raise StrataError(
+                "shadows are put onto what goes out of Image of the compositor's Render Layers node, and for "
+                f"view layer '{layer.name}' nothing does{f', only {min(lit)}' if lit else ''}: use Image"
+            )
+    return shown
 
 
 def _elsewhere(scene: bpy.types.Scene) -> list[str]:
@@ -263,6 +271,28 @@ def _sources(tree: bpy.types.NodeTree, scene, view_layer) -> list[bpy.types.Node
         for node in tree.nodes
         if node.type == "R_LAYERS" and node.scene == scene and node.layer == view_layer.name
     ]
+
+
+def _shows_image(tree: bpy.types.NodeTree, sources: list[bpy.types.Node]) -> bool:
+    """Whether the image of a view layer goes on, through nodes of ours or not."""
+    ours = [node for node in tree.nodes if _is_ours(node)]
+    return any(
+        _goes_on(source.outputs["Image"]) or any(_reads(node, source) for node in ours) for source in sources
+    )
+
+
+def _lit_passes_shown(source: bpy.types.Node) -> list[str]:
+    """Passes beside the image that have lamps' light and go on."""
+    return [
+        socket.name
+        for socket in source.outputs
+        if (socket.name == _NOISY or socket.name.endswith((" Direct", " Indirect"))) and _goes_on(socket)
+    ]
+
+
+def _goes_on(socket: bpy.types.NodeSocket) -> bool:
+    """To more than to be looked at."""
+    return any(link.to_node.type != "VIEWER" for link in socket.links)
 
 
 def _passes(source: bpy.types.Node) -> set[str]:
