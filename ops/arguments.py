@@ -12,7 +12,7 @@ from ..addon.core.errors import StrataError
 from ..addon.core.params import ParamSpec
 from ..addon.layers.exr_params import ExrParams
 from ..addon.layers.numbered import Placeholder
-from ..addon.layers.paths import NEVER_SAVED, beside, exr_path
+from ..addon.layers.paths import NEVER_SAVED, beside, exr_path, safe_name
 
 MOST_FRAMES = 100_000
 LARGEST_SIDE = 32_768
@@ -167,7 +167,7 @@ def read_outputs(arguments: argparse.Namespace, frame_list: tuple[int, ...], ble
     outputs would overwrite one another, or the scene."""
     folder = blend and blend.parent
     # Names of folders get a number themselves where there are several frames.
-    name = (blend.stem if blend else NEVER_SAVED) + ("_####" if len(frame_list) > 1 else "")
+    name = (safe_name(blend.stem) if blend else NEVER_SAVED) + ("_####" if len(frame_list) > 1 else "")
     arguments.output = output = Placeholder(exr_path(beside(arguments.output, folder), name))
     report = arguments.report and Placeholder(beside(arguments.report, folder))
     arguments.report = report

@@ -17,7 +17,7 @@ from strata.addon.layers.images import image_of
 from strata.addon.layers.numbered import Placeholder
 from strata.addon.layers.paths import beside, expanded, exr_path
 from strata.addon.scene.open import open_blend
-from strata.addon.ui.output import default_output, output_of
+from strata.addon.ui.output import default_output, output_of, waits_for_saving
 from strata.ops import bake
 from strata.ops.cli import main
 
@@ -121,6 +121,33 @@ def test_the_default_is_named_after_what_it_is_of(scene, tmp_path):
     assert scene.strata.output == default_output(scene)
     # A script's path has no templates.
     assert output(scene, "//{x}.exr") == str(tmp_path / "{x}.exr")
+
+
+def test_names_with_a_hash_get_no_frame_number(scene, tmp_path):
+    scene.name, scene.camera.name = "Shot #2", "Cam #1"
+    scene.strata.output = "//{scene_name} {camera_name}"
+    assert output_of(scene, scene.view_layers[0]).path(72) == tmp_path / "Shot _2 Cam _1.exr"
+    blend = tmp_path / "Take #3.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    scene.strata.output = f"{tmp_path}/"
+    assert output_of(scene, scene.view_layers[0]).path(72) == tmp_path / "Take _3.exr"
+    assert main(["bake", str(blend), "-o", f"{tmp_path}/", *QUICK, "--frames", "1-2", "-q"]) == 0
+    assert sorted(path.name for path in tmp_path.glob("*.exr")) == ["Take _3_0001.exr", "Take _3_0002.exr"]
+
+
+def test_the_folder_of_a_file_that_was_never_saved_is_nowhere(scene):
+    bpy.ops.wm.read_homefile(use_empty=True)
+    scene = bpy.context.scene
+    for text in ("//x.exr", "{blend_dir}/x.exr"):
+        scene.strata.output, scene.strata.save_to = text, "BOTH"
+        assert waits_for_saving(scene)
+        with pytest.raises(StrataError, match="never saved"):
+            output(scene)
+        scene.strata.save_to = "FILE"
+        assert not waits_for_saving(scene)
+    scene.strata.output, scene.strata.save_to = "/tmp/{{blend_dir}}.exr", "BOTH"
+    assert not waits_for_saving(scene)
+    assert output(scene) == str(Path("/tmp/{blend_dir}.exr").absolute())
 
 
 def test_a_bake_makes_folders_and_says_where_it_wrote(scene, tmp_path):

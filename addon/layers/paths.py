@@ -16,7 +16,19 @@ _IMAGE_ENDING = re.compile(
     r"\.(avif|bmp|cin|dds|dpx|hdr|j2c|jp2|jpe?g|pdd|png|psb|psd|rgba?|sgi|tga|tiff?|tx|webp)", re.IGNORECASE
 )
 _EXPRESSION = re.compile(r"\{\{|\}\}|\{([^{}]*)\}|[{}]")
-_UNSAFE = re.compile(r'[\x00-\x1f\x7f/\\?*:|"<>]')  # in the name of a file
+# In the name of a file: what Blender takes out too, and what would become the frame's number.
+_UNSAFE = re.compile(r'[\x00-\x1f\x7f/\\?*:|"<>#]')
+
+
+def safe_name(text: str) -> str:
+    """Fit for the name of a file, of any frame."""
+    return _UNSAFE.sub("_", text)
+
+
+def variables(text: str) -> set[str]:
+    """Names that `expanded` would look up."""
+    found = (match[1] for match in _EXPRESSION.finditer(text))
+    return {name.partition(":")[0] for name in found if name is not None}
 
 
 def beside(text: str, folder: Path | None) -> str:
@@ -62,7 +74,7 @@ def expanded(text: str, values: Mapping[str, str | float]) -> str:
         if colon:
             return _number(text, value, digits)
         if isinstance(value, str):
-            return value if name == "blend_dir" else _UNSAFE.sub("_", value)
+            return value if name == "blend_dir" else safe_name(value)
         return str(value)
 
     return _EXPRESSION.sub(value_of, text)

@@ -8,7 +8,7 @@ import bpy
 
 from ..core.errors import StrataError
 from ..layers.numbered import Placeholder
-from ..layers.paths import NEVER_SAVED, expanded, exr_path
+from ..layers.paths import NEVER_SAVED, expanded, exr_path, safe_name, variables
 
 
 def default_output(scene: bpy.types.Scene) -> str:
@@ -22,11 +22,12 @@ def default_output(scene: bpy.types.Scene) -> str:
 def output_of(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, given: str = "") -> Placeholder:
     """The absolute path that a view layer is baked to: `given` as it stands, or the scene's own, which may
     have templates. Raises StrataError."""
-    text = given or expanded(scene.strata.output, _values(scene, view_layer))
-    if text.startswith("//") and not bpy.data.filepath:
+    own = scene.strata.output
+    if not bpy.data.filepath and (given.startswith("//") if given else _is_beside(own)):
         raise StrataError(
             "the output is beside the Blender file, which was never saved: save it, or save to images only"
         )
+    text = given or expanded(own, _values(scene, view_layer))
     return Placeholder(exr_path(bpy.path.abspath(text), blend_name()))
 
 
@@ -34,11 +35,16 @@ def waits_for_saving(scene: bpy.types.Scene) -> bool:
     """Whether the file to bake to lies beside a Blender file that was never saved, and there are images to go
     to until then."""
     settings = scene.strata
-    return settings.save_to == "BOTH" and settings.output.startswith("//") and not bpy.data.filepath
+    return settings.save_to == "BOTH" and _is_beside(settings.output) and not bpy.data.filepath
+
+
+def _is_beside(own: str) -> bool:
+    """Whether a scene's output is told from where the Blender file lies."""
+    return own.startswith("//") or "blend_dir" in variables(own)
 
 
 def blend_name() -> str:
-    return Path(bpy.data.filepath).stem or NEVER_SAVED
+    return safe_name(Path(bpy.data.filepath).stem) or NEVER_SAVED
 
 
 def _values(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> dict[str, str | float]:
