@@ -18,6 +18,7 @@ from ..addon.ui.output import output_of, waits_for_saving
 from ..addon.ui.properties import exr_of, options_of
 from ..addon.ui.registration import Classes
 from ..addon.ui.state import STATE, Made
+from ..addon.ui.watching import redraw
 from .planning import nothing_to_bake, read_plan, room_warning
 from .reported import reported
 from .terminal import time_left
@@ -177,7 +178,7 @@ class STRATA_OT_bake(bpy.types.Operator):
         STATE.share = job.progress
         STATE.doing = f"{job.stage} {100 * job.progress:.0f}%{left and ', ' + left}"
         context.workspace.status_text_set(f"Strata: {STATE.doing}   Esc: Cancel")
-        _redraw(context)
+        redraw(context.window_manager.windows)
 
     def _end(self, context) -> None:
         """Nothing where it has ended already."""
@@ -190,7 +191,7 @@ class STRATA_OT_bake(bpy.types.Operator):
             context.window_manager.event_timer_remove(self._timer)
             self._timer = None
         context.workspace.status_text_set(None)
-        _redraw(context)
+        redraw(context.window_manager.windows)
 
 
 class STRATA_OT_cancel_bake(bpy.types.Operator):
@@ -220,18 +221,8 @@ class STRATA_OT_plan(bpy.types.Operator):
     def execute(self, context):
         outline, graph, memory = read_plan(context.scene, context.view_layer, options_of)
         STATE.show_plan(context.scene.session_uid, graph, memory, outline.warnings)
-        _redraw(context)
+        redraw(context.window_manager.windows)
         return {"FINISHED"}
-
-
-def _redraw(context) -> None:
-    """The sidebars only: the views themselves have not changed."""
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "UI":
-                        region.tag_redraw()
 
 
 _classes = Classes(STRATA_OT_bake, STRATA_OT_cancel_bake, STRATA_OT_plan)

@@ -12,6 +12,7 @@ from strata.addon.scene.open import open_blend
 from strata.addon.ui import scene_plan, watching
 from strata.addon.ui.scene_plan import ScenePlan
 from strata.addon.ui.state import STATE
+from strata.ops import bake
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -310,3 +311,28 @@ def test_while_a_job_locks_the_interface_nothing_is_touched(monkeypatch):
     locked.is_interface_locked = False
     with pytest.raises(AttributeError):
         watching._look()
+
+
+def test_panels_in_sidebars_and_in_the_render_tab_are_drawn_again():
+    """While baking too, in whichever of them the progress stands."""
+    drawn = []
+
+    def area(kind: str, context: str = "") -> SimpleNamespace:
+        regions = [
+            SimpleNamespace(type=region, tag_redraw=lambda r=region: drawn.append((kind, context, r)))
+            for region in ("HEADER", "UI", "WINDOW")
+        ]
+        spaces = SimpleNamespace(active=SimpleNamespace(context=context))
+        return SimpleNamespace(type=kind, regions=regions, spaces=spaces)
+
+    areas = [area("VIEW_3D"), area("PROPERTIES", "RENDER"), area("PROPERTIES", "MATERIAL"), area("OUTLINER")]
+    window = SimpleNamespace(screen=SimpleNamespace(areas=areas))
+    with_progress = SimpleNamespace(
+        window_manager=SimpleNamespace(windows=[window]),
+        workspace=SimpleNamespace(status_text_set=lambda text: None),
+    )
+    operator = SimpleNamespace(
+        _runner=SimpleNamespace(job=SimpleNamespace(progress=0.5, stage="Baking")), _started=0.0
+    )
+    bake.STRATA_OT_bake._show(operator, with_progress)
+    assert drawn == [("VIEW_3D", "", "UI"), ("PROPERTIES", "RENDER", "WINDOW")]

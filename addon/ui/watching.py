@@ -127,10 +127,9 @@ def _settings(window: bpy.types.Window) -> tuple:
 def _is_seen(window: bpy.types.Window) -> bool:
     """Whether a panel of Strata may be on screen."""
     for area in window.screen.areas:
-        if area.type == "PROPERTIES":
-            if area.spaces.active.context == "RENDER" and window.scene.render.engine == ENGINE_ID:
-                return True
-        elif area.type == "VIEW_3D" and any(_is_sidebar(region) for region in area.regions):
+        if _is_render_tab(area) and window.scene.render.engine == ENGINE_ID:
+            return True
+        if area.type == "VIEW_3D" and any(_is_sidebar(region) for region in area.regions):
             return True
     return False
 
@@ -178,14 +177,17 @@ def _look() -> None:
 
 
 def redraw(windows) -> None:
-    """Of what panels may be in: the views themselves have not changed."""
+    """Of what panels of the scene may be in: the views themselves have not changed."""
     for window in windows:
         for area in window.screen.areas:
+            within = "UI" if area.type == "VIEW_3D" else "WINDOW" if _is_render_tab(area) else ""
             for region in area.regions:
-                if (area.type == "VIEW_3D" and region.type == "UI") or (
-                    area.type == "PROPERTIES" and region.type == "WINDOW"
-                ):
+                if region.type == within:
                     region.tag_redraw()
+
+
+def _is_render_tab(area: bpy.types.Area) -> bool:
+    return area.type == "PROPERTIES" and area.spaces.active.context == "RENDER"
 
 
 @persistent
