@@ -108,7 +108,7 @@ def composited(scene, tmp_path) -> np.ndarray:
     settings.file_format, settings.color_depth, settings.color_mode = "OPEN_EXR", "32", "RGBA"
     path = tmp_path / "composited.exr"
     scene.render.filepath = str(path)
-    bpy.ops.render.render(write_still=True)
+    bpy.ops.render.render(write_still=True, scene=scene.name)
     with OpenEXR.File(str(path)) as file:
         return file.channels()["RGBA"].pixels[::-1].copy()
 
@@ -251,6 +251,23 @@ def test_another_scene_with_the_same_lamps_is_told(scene, capfd):
     built(capfd)
     bpy.context.window.scene = bpy.data.scenes["Copy"]
     assert told not in built(capfd)
+
+
+def test_a_full_copy_of_a_scene_gets_shadows_of_its_own(scene, tmp_path):
+    bpy.ops.strata.build_compositor()
+    (before,) = (tree for tree in bpy.data.node_groups if tree.name.startswith(GROUP_NAME))
+    nodes = {node.name for node in before.nodes}
+    bpy.ops.scene.new(type="FULL_COPY")
+    copy = bpy.context.scene
+    first, *rest = lamps(copy).values()
+    for lamp in rest:
+        lamp.hide_render = True
+    copy.strata.output = str(tmp_path / "copy.exr")
+    bpy.ops.strata.bake()
+    bpy.ops.strata.build_compositor()
+    assert {node.name for node in before.nodes} == nodes
+    expect(composited(copy, tmp_path), summed(shadows(copy)[first.name]))
+    expect(composited(scene, tmp_path), summed(*shadows(scene).values()))
 
 
 def test_lamps_get_their_shadows_back(scene, tmp_path):

@@ -318,6 +318,8 @@ def _join(
     if group is None:
         group = _insert(tree, sources)
     source = next(source for source in sources if _reads(group, source))
+    if group.node_tree.users > 1:  # a full copy of a scene shares what is in groups
+        group.node_tree = group.node_tree.copy()
     _fill(group.node_tree, file, scene, view_layer, source, joined, is_sequence)
     for socket in group.inputs:
         if not socket.is_linked:  # a user's nodes may be before it by now
