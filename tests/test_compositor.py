@@ -567,6 +567,34 @@ def test_every_view_layer_that_renders_is_shadowed(scene, tmp_path, output):
     expect(composited(scene, tmp_path), summed(*by_light.values()))
 
 
+def test_a_view_layer_with_nothing_left_to_join_loses_its_nodes(scene):
+    """Its lamps may cast their own shadows again."""
+    bpy.ops.strata.build_compositor()
+    tree, old = scene.compositing_node_group, scene.view_layers["ViewLayer"]
+    apart = bpy.data.collections.new("Lamps")
+    scene.collection.children.link(apart)
+    for lamp in lamps(scene).values():
+        for collection in lamp.users_collection:
+            collection.objects.unlink(lamp)
+        apart.objects.link(lamp)
+    old.name = "Old"
+    scene.view_layers.new("ViewLayer")  # that of the file
+    old.layer_collection.children["Lamps"].exclude = True
+    (before,) = (node for node in tree.nodes if node.type == "R_LAYERS")
+    assert before.layer == "Old"
+    (end,) = (node for node in tree.nodes if node.type == "GROUP_OUTPUT")
+    layers, mixed = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("CompositorNodeAlphaOver")
+    layers.scene, layers.layer = scene, "ViewLayer"
+    tree.links.new(tree.nodes[GROUP_NAME].outputs["Image"], mixed.inputs["Background"])
+    tree.links.new(layers.outputs["Image"], mixed.inputs["Foreground"])
+    tree.links.new(mixed.outputs["Image"], end.inputs[0])
+    bpy.ops.strata.build_compositor()
+    (ours,) = (node for node in tree.nodes if node.type == "GROUP")
+    assert mixed.inputs["Background"].links[0].from_node == before
+    assert mixed.inputs["Foreground"].links[0].from_node == ours
+    assert ours.inputs["Image"].links[0].from_node == layers
+
+
 def test_layers_that_are_no_shadows_are_told(scene, tmp_path, capfd):
     scene.strata.toon.enabled = True
     scene.strata.output = str(tmp_path / "toon.exr")

@@ -76,6 +76,9 @@ def build(
         for layer in layers:
             image = _load(paths[layer], is_sequence, is_beside)
             _join(tree, scene, layer, image, joined[layer], is_sequence)
+        for layer in paths:
+            if layer not in joined:
+                _part(tree, scene, layer)
     except BaseException:
         # Lamps that have no shadow at all would be the worst of it, and no undo step is there.
         take_away(scene)
@@ -99,14 +102,7 @@ def take_away(scene: bpy.types.Scene) -> list[str]:
     lights. Light groups stay."""
     tree = scene.compositing_node_group
     for node in [] if tree is None else [node for node in tree.nodes if _is_ours(node)]:
-        sources = [link.from_socket for link in node.inputs["Image"].links]
-        for target in [link.to_socket for link in node.outputs["Image"].links]:
-            for source in sources:
-                tree.links.new(source, target)
-        inside = node.node_tree
-        tree.nodes.remove(node)
-        if not inside.users:
-            bpy.data.node_groups.remove(inside)
+        _bypass(tree, node)
     return light_groups.give_back(scene)
 
 
@@ -328,6 +324,26 @@ def _join(
 
 def _reads(group: bpy.types.Node, source: bpy.types.Node) -> bool:
     return any(link.from_node == source for socket in group.inputs for link in socket.links)
+
+
+def _part(tree: bpy.types.NodeTree, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> None:
+    """Takes away what an earlier build made for a view layer that has nothing to join any more."""
+    sources = _sources(tree, scene, view_layer)
+    for node in [node for node in tree.nodes if _is_ours(node)]:
+        if any(_reads(node, source) for source in sources):
+            _bypass(tree, node)
+
+
+def _bypass(tree: bpy.types.NodeTree, group: bpy.types.Node) -> None:
+    """Takes a group of ours away; what its image went to gets what it got."""
+    sources = [link.from_socket for link in group.inputs["Image"].links]
+    for target in [link.to_socket for link in group.outputs["Image"].links]:
+        for source in sources:
+            tree.links.new(source, target)
+    inside = group.node_tree
+    tree.nodes.remove(group)
+    if not inside.users:
+        bpy.data.node_groups.remove(inside)
 
 
 def _insert(tree: bpy.types.NodeTree, sources: list[bpy.types.Node]) -> bpy.types.Node:
