@@ -168,6 +168,28 @@ def test_where_the_engine_denoises_the_noisy_image_is_shadowed_and_denoised_afte
     expect(composited(scene, tmp_path), expected)
 
 
+def test_a_users_node_before_the_shadows_stays_where_the_engine_denoises(scene, tmp_path):
+    FlatEngine.is_denoised = True
+    bpy.context.view_layer.update_render_passes()
+    bpy.ops.strata.build_compositor()
+    tree, added = scene.compositing_node_group, summed(*shadows(scene).values()) - COMBINED
+    (layers,) = (node for node in tree.nodes if node.type == "R_LAYERS")
+    ours, mine = tree.nodes[GROUP_NAME], tree.nodes.new("CompositorNodeInvert")
+    assert ours.inputs["Image"].links[0].from_socket.name == "Noisy Image"
+    tree.links.new(ours.inputs["Image"].links[0].from_socket, mine.inputs["Color"])
+    tree.links.new(mine.outputs["Color"], ours.inputs["Image"])
+    for is_denoised, image in ((True, NOISY), (False, COMBINED), (True, NOISY)):
+        FlatEngine.is_denoised = is_denoised
+        bpy.context.view_layer.update_render_passes()
+        bpy.ops.strata.build_compositor()
+        for node in bpy.data.node_groups[GROUP_NAME].nodes:
+            node.mute = node.type == "DENOISE"
+        expect(composited(scene, tmp_path), 1.0 - image + added)
+    bpy.ops.strata.restore_shadows()
+    assert mine.inputs["Color"].links[0].from_socket == layers.outputs["Image"]
+    np.testing.assert_allclose(composited(scene, tmp_path)[:, :, :3], 1.0 - COMBINED, atol=1e-6)
+
+
 def test_an_engine_without_light_groups_finds_its_image_unchanged(scene, tmp_path):
     """Of a scene that was built for another."""
     bpy.ops.strata.build_compositor()

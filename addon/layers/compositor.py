@@ -317,9 +317,30 @@ def _join(
     if group.node_tree.users > 1:  # a full copy of a scene shares what is in groups
         group.node_tree = group.node_tree.copy()
     _fill(group.node_tree, file, scene, view_layer, source, joined, is_sequence)
+    whole = _whole(source)
     for socket in group.inputs:
         if not socket.is_linked:  # a user's nodes may be before it by now
-            tree.links.new(source.outputs[socket.name], socket)
+            tree.links.new(source.outputs[whole if socket.name == "Image" else socket.name], socket)
+    _take_from(tree, group, sources, whole)
+
+
+def _whole(source: bpy.types.Node) -> str:
+    """The pass of the picture to put shadows onto."""
+    return _NOISY if _NOISY in _passes(source) else "Image"
+
+
+def _take_from(tree: bpy.types.NodeTree, group: bpy.types.Node, sources: list, whole: str) -> None:
+    """Makes pass `whole` the picture that comes to a group of ours from `sources`, straight or through a
+    user's nodes: whether Cycles denoises may have been switched since."""
+    seen, waiting = set(), [group.inputs["Image"]]
+    while waiting:
+        for link in list(waiting.pop().links):
+            node, name = link.from_node, link.from_socket.name
+            if node in sources and name in ("Image", _NOISY) and name != whole:
+                tree.links.new(node.outputs[whole], link.to_socket)
+            elif node not in seen and not _is_ours(node):
+                seen.add(node)
+                waiting.extend(node.inputs)
 
 
 def _reads(group: bpy.types.Node, source: bpy.types.Node) -> bool:
@@ -336,6 +357,9 @@ def _part(tree: bpy.types.NodeTree, scene: bpy.types.Scene, view_layer: bpy.type
 
 def _bypass(tree: bpy.types.NodeTree, group: bpy.types.Node) -> None:
     """Takes a group of ours away; what its image went to gets what it got."""
+    _take_from(
+        tree, group, [node for node in tree.nodes if node.type == "R_LAYERS" and _reads(group, node)], "Image"
+    )
     sources = [link.from_socket for link in group.inputs["Image"].links]
     for target in [link.to_socket for link in group.outputs["Image"].links]:
         for source in sources:
@@ -369,14 +393,12 @@ def _fill(inside, file: bpy.types.Image, scene, view_layer, source, joined, is_s
         image.layer = view_layer.name
     if is_sequence:
         image.frame_duration, image.use_auto_refresh = max(scene.frame_end, 1), True
-    passes = _passes(source)
-    is_denoised = _NOISY in passes
+    passes, is_denoised = _passes(source), _whole(source) == _NOISY
     # What guides a denoiser belongs to Cycles' Denoising Data.
     guides = {name: socket for name, socket in _GUIDES.items() if is_denoised and name in passes}
-    whole = _NOISY if is_denoised else "Image"
-    _set_sockets(inside, [*dict.fromkeys(["Image", whole, *guides, *joined.values()])])
+    _set_sockets(inside, ["Image", *guides, *joined.values()])
     start, end = inside.nodes.new("NodeGroupInput"), inside.nodes.new("NodeGroupOutput")
-    result = start.outputs[whole]
+    result = start.outputs["Image"]
     for row, (name, group) in enumerate(joined.items(), start=1):
         change = _math(inside, "SUBTRACT", image.outputs[name], 1.0, (2, -row))
         change = _mix(inside, "MULTIPLY", start.outputs[group], change, (3, -row))
