@@ -18,7 +18,7 @@ from ..addon.ui.output import output_of, waits_for_saving
 from ..addon.ui.properties import exr_of, options_of
 from ..addon.ui.registration import Classes
 from ..addon.ui.state import STATE, Made
-from ..addon.ui.watching import redraw
+from ..addon.ui.watching import redraw, somebody_asked
 from .planning import nothing_to_bake, read_plan, room_warning
 from .reported import reported
 from .terminal import time_left
@@ -219,7 +219,9 @@ class STRATA_OT_plan(bpy.types.Operator):
 
     @reported
     def execute(self, context):
+        started = time.thread_time()
         outline, graph, memory = read_plan(context.scene, context.view_layer, options_of)
+        somebody_asked(context.scene, time.thread_time() - started)
         STATE.show_plan(context.scene.session_uid, graph, memory, outline.warnings)
         redraw(context.window_manager.windows)
         return {"FINISHED"}

@@ -248,6 +248,27 @@ def test_the_dearer_a_plan_the_longer_it_waits_and_the_dearest_wait_to_be_asked(
     assert "Soft Shadow Panel" not in rows(scene)
 
 
+@pytest.mark.parametrize("is_quick", [True, False])
+def test_a_scene_that_is_quick_when_asked_for_is_read_unasked_again(scene, monkeypatch, is_quick):
+    watched = watching._watched[scene.session_uid] = watching._Watched()
+    try:
+        look(watched)
+        watched.plan.seconds, watched.plan.is_too_long = 2.0, True
+        if not is_quick:
+            monkeypatch.setattr(watching, "LONGEST_SECONDS", 0.0)
+        bpy.ops.strata.plan()
+        assert watched.is_heavy != is_quick
+        watched.look(bpy.context.window)  # before the next edit
+        lamp().data.energy = 0.0
+        watched.plan.forget()
+        watched.touch()
+        assert look(watched)
+        assert ("Soft Shadow Panel" not in rows(scene)) == is_quick
+        assert (scene.session_uid in STATE.outdated) != is_quick
+    finally:
+        watching._watched.clear()
+
+
 def test_a_scene_that_takes_long_is_not_read_to_its_end(scene, monkeypatch):
     monkeypatch.setattr(scene_plan, "MOST_SECONDS", 0.0)
     watched = watching._Watched()

@@ -52,6 +52,11 @@ class ScenePlan:
         self.changes.all = True
         self.edits += 1
 
+    def start_again(self) -> None:
+        """As if nothing had been read yet."""
+        self.seconds, self.is_too_long = 0.0, False
+        self._scan = self._content = None
+
     def asked(self, depsgraph: bpy.types.Depsgraph) -> tuple:
         """All that the plan depends on; equal while it need not be made again."""
         try:

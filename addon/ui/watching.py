@@ -2,7 +2,8 @@
 seen and nobody is in the middle of anything. Never in background.
 
 A plan holds up Blender for as long as it takes, mostly some hundredths of a second. The longer the last one
-took, the longer it waits for a pause; one that took over a second is not made again unasked.
+took, the longer it waits for a pause; one that took over a second is not made again unasked, until somebody
+has asked for one that took less.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class _Watched:
     def pause(self) -> float:
         return PAUSE_SECONDS if self.is_heavy else max(PAUSE_SECONDS, PAUSES * self.plan.seconds)
 
-    def look(self, window: bpy.types.Window, is_asked: bool = False) -> bool:
+    def look(self, window: bpy.types.Window) -> bool:
         """Makes a plan if it is time; whether what is shown has changed."""
         scene, uid = window.scene, window.scene.session_uid
         if (settings := _settings(window)) != self.settings:
@@ -188,6 +189,14 @@ def redraw(windows) -> None:
 
 def _is_render_tab(area: bpy.types.Area) -> bool:
     return area.type == "PROPERTIES" and area.spaces.active.context == "RENDER"
+
+
+def somebody_asked(scene: bpy.types.Scene, seconds: float) -> None:
+    """A scene was read as a bake does, in so many seconds of this thread: where that was quick, whether it
+    takes too long to be read unasked is found out anew."""
+    watched = _watched.get(scene.session_uid)
+    if watched is not None and watched.is_heavy and seconds <= LONGEST_SECONDS:
+        watched.plan.start_again()
 
 
 @persistent
