@@ -17,7 +17,10 @@ from strata.addon.layers.images import image_of
 from strata.addon.layers.numbered import Placeholder
 from strata.addon.layers.paths import beside, expanded, exr_path
 from strata.addon.scene.open import open_blend
+from strata.addon.ui import asked as ui_asked
+from strata.addon.ui import output as ui_output
 from strata.addon.ui.output import default_output, output_of, waits_for_saving
+from strata.addon.ui.state import STATE
 from strata.ops import bake
 from strata.ops.cli import main
 
@@ -180,6 +183,45 @@ def test_a_hopeless_output_is_told_before_the_work(scene, tmp_path, monkeypatch)
         with pytest.raises(RuntimeError, match=words) as told:
             bpy.ops.strata.bake()
         assert len(str(told.value).strip().splitlines()) == 1
+
+
+def test_a_panel_asks_the_disk_once_a_second_and_never_while_baking(scene, tmp_path, monkeypatch):
+    asked, clock = [], [100.0]
+    slow = SimpleNamespace(monotonic=lambda: clock[0])
+
+    def check(path):
+        asked.append(path)
+        clock[0] += takes
+
+    monkeypatch.setattr(ui_output, "check_writable", check)
+    monkeypatch.setattr(ui_asked, "time", slow)
+    monkeypatch.setattr(ui_asked, "_answers", {})
+    frame, takes = scene.frame_current, 0.01
+    told = tmp_path / f"shot.v2_strata_{frame:04d}.exr", ""
+
+    def drawn() -> int:
+        """How often the disk was asked when it was drawn."""
+        assert ui_output.told_output(scene, scene.view_layers[0]) == told
+        return len(asked)
+
+    assert [drawn() for _ in range(20)] == [1] * 20
+    clock[0] += 1.5
+    assert [drawn(), drawn()] == [2, 2]
+    clock[0] += 1.5
+    monkeypatch.setattr(STATE, "is_baking", True)
+    assert drawn() == 2
+    monkeypatch.setattr(STATE, "is_baking", False)
+    takes = 2.0
+    assert drawn() == 3
+    clock[0] += 15.0
+    assert drawn() == 3  # what is slow is asked less often
+    scene.strata.output = "//other.exr"
+    told = tmp_path / "other.exr", ""
+    assert [drawn(), drawn()] == [4, 4]
+    monkeypatch.setattr(STATE, "is_baking", True)
+    scene.strata.output = "//yet another.exr"
+    told = None, ""
+    assert drawn() == 4
 
 
 def test_a_disk_that_may_be_too_small_is_told_and_tried(tmp_path, monkeypatch, capfd):

@@ -12,13 +12,12 @@ from ..core.effect import Effect
 from ..core.errors import StrataError
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
-from ..layers.files import check_writable
 from ..layers.fitting import unfit_file, unfit_render
 from ..measure.report import LayerError, NotMeasured, error_of, words_of
 from ..measure.verdict import advice, between, percent
 from ..scene.light_groups import marked
 from . import boxes, plot
-from .output import output_of, waits_for_saving
+from .output import output_of, told_output, waits_for_saving
 from .rows import parameters
 from .state import STATE, PlanRow
 
@@ -119,17 +118,16 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
 
 def output(layout: bpy.types.UILayout, context) -> None:
     """The field, and which file that is now, or why none."""
-    row = layout.row()
+    row, told = layout.row(), []
     if waits_for_saving(context.scene):
         told = [("This file is not saved yet: layers go to images", "INFO")]
     else:
-        try:
-            path = output_of(context.scene, context.view_layer).path(context.scene.frame_current)
-            check_writable(path)
+        path, reason = told_output(context.scene, context.view_layer)
+        if path:
             told = [(path.name, "FILE"), (str(path.parent), "FILE_FOLDER")]
-        except StrataError as error:
+        elif reason:
             row.alert = True  # before the field is made
-            told = [(str(error)[0].upper() + str(error)[1:], "ERROR")]
+            told = [(reason[0].upper() + reason[1:], "ERROR")]
     row.prop(context.scene.strata, "output")
     for words, icon in told:
         text(layout, context, words, icon)

@@ -7,8 +7,10 @@ from pathlib import Path
 import bpy
 
 from ..core.errors import StrataError
+from ..layers.files import check_writable
 from ..layers.numbered import Placeholder
 from ..layers.paths import NEVER_SAVED, expanded, exr_path, safe_name, variables
+from .asked import kept
 
 
 def default_output(scene: bpy.types.Scene) -> str:
@@ -29,6 +31,23 @@ def output_of(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, given: st
         )
     text = given or expanded(own, _values(scene, view_layer))
     return Placeholder(exr_path(bpy.path.abspath(text), blend_name()))
+
+
+def told_output(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> tuple[Path | None, str]:
+    """The file of the current frame, or why there can be none, for panels: the file system is asked once a
+    second at most. Neither where it has not been asked."""
+
+    def ask() -> tuple[Path | None, str]:
+        try:
+            path = output_of(scene, view_layer).path(scene.frame_current)
+            check_writable(path)
+        except StrataError as error:
+            return None, str(error)
+        return path, ""
+
+    values = tuple(_values(scene, view_layer).items())
+    question = "output", scene.strata.output, bpy.data.filepath, scene.frame_current, values
+    return kept(question, ask) or (None, "")
 
 
 def waits_for_saving(scene: bpy.types.Scene) -> bool:
