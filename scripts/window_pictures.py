@@ -1,5 +1,5 @@
-"""Makes the pictures of docs/tutorial.md from the photographs that tests/test_story.py takes of a Blender
-window: `make test-interface`, then `python scripts/tutorial_pictures.py`."""
+"""Makes the documents' pictures of a Blender window from the photographs that tests/test_interface.py and
+tests/test_story.py take: `make test-interface`, then `python scripts/window_pictures.py`."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parents[1]
 PHOTOGRAPHS = ROOT / "out" / "interface"
 PICTURES = {
-    "sidebar": "opengl story/1 sidebar",
-    "baked": "opengl story/2 baked",
-    "preview": "opengl story/3 preview",
-    "engine": "opengl story/4 engine",
-    "compositor": "opengl story/5 compositor",
-    "imported": "opengl imported/6 imported",
+    "panel": "opengl/5 baked",
+    "tutorial_sidebar": "opengl story/1 sidebar",
+    "tutorial_baked": "opengl story/2 baked",
+    "tutorial_preview": "opengl story/3 preview",
+    "tutorial_engine": "opengl story/4 engine",
+    "tutorial_compositor": "opengl story/5 compositor",
+    "tutorial_imported": "opengl imported/6 imported",
 }
 """Photographs by the names of the pictures."""
 
@@ -24,12 +25,12 @@ COLOURS = 200  # of a palette: a fifth of the bytes
 
 
 def main() -> None:
-    """Writes docs/images/tutorial_*.png."""
+    """Writes docs/images/*.png."""
     for name, photograph in PICTURES.items():
         with Image.open(PHOTOGRAPHS / f"{photograph}.png") as image:
             height = round(image.height * WIDTH / image.width)
             small = image.convert("RGB").resize((WIDTH, height), Image.Resampling.LANCZOS)
-        path = ROOT / "docs" / "images" / f"tutorial_{name}.png"
+        path = ROOT / "docs" / "images" / f"{name}.png"
         small.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
         print(f"{path.relative_to(ROOT)}: {path.stat().st_size / 1e3:.0f} kB")
 
