@@ -7,11 +7,10 @@ from pathlib import Path
 import bpy
 
 from ..addon.core.errors import StrataError
-from ..addon.layers.compositor import Built, build, take_away
+from ..addon.layers.compositor import Built, build, can_take_away, take_away
 from ..addon.layers.fitting import rendering, unfit_file, unfit_render, unlike
 from ..addon.layers.numbered import Placeholder
 from ..addon.scene.changing import may_change
-from ..addon.scene.light_groups import marked
 from ..addon.ui.output import output_of
 from ..addon.ui.registration import Classes
 from .reported import reported
@@ -63,6 +62,8 @@ class STRATA_OT_build_compositor(bpy.types.Operator):
             self.report({"WARNING"}, f"Scene '{name}' shows some of these lamps too, now without shadows")
         if built.given_back:
             self.report({"WARNING"}, f"Cast their own shadows again: {', '.join(built.given_back)}")
+        for name in built.twice:
+            self.report({"WARNING"}, _shadowed_twice(name))
         self.report({"INFO"}, _summary(built))
         return {"FINISHED"}
 
@@ -73,6 +74,10 @@ def _frames(scene: bpy.types.Scene, output: Placeholder) -> dict[int, Path]:
         return {}
     numbers = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     return {number: output.path(number) for number in numbers}
+
+
+def _shadowed_twice(scene: str) -> str:
+    return f"Scene '{scene}' shadows some of these lamps twice now: give lamps their shadows back there too"
 
 
 def _summary(built: Built) -> str:
@@ -95,14 +100,20 @@ class STRATA_OT_restore_shadows(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        if not (found := marked(context.scene)):
+        found = can_take_away(context.scene)
+        if not found:
             cls.poll_message_set("Every lamp of this scene has its own shadow")
-        return bool(found)
+        return found
 
     @reported
     def execute(self, context):
-        lights = take_away(context.scene)
-        self.report({"INFO"}, f"Cast their own shadows again: {', '.join(lights)}")
+        taken = take_away(context.scene)
+        for name in taken.twice:
+            self.report({"WARNING"}, _shadowed_twice(name))
+        if taken.given_back:
+            self.report({"INFO"}, f"Cast their own shadows again: {', '.join(taken.given_back)}")
+        else:
+            self.report({"INFO"}, "Shadow nodes are away; no lamp had its own shadow switched off")
         return {"FINISHED"}
 
 

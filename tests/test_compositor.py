@@ -126,8 +126,12 @@ def expect(image: np.ndarray, expected: np.ndarray) -> None:
 
 def built(capfd, **arguments) -> list[str]:
     """What pressing the button says, a line each."""
+    return told(capfd, bpy.ops.strata.build_compositor, **arguments)
+
+
+def told(capfd, operator, **arguments) -> list[str]:
     capfd.readouterr()
-    assert bpy.ops.strata.build_compositor(**arguments) == {"FINISHED"}
+    assert operator(**arguments) == {"FINISHED"}
     return [line.partition(": ")[2] for line in capfd.readouterr().out.splitlines() if ": " in line]
 
 
@@ -273,6 +277,29 @@ def test_another_scene_with_the_same_lamps_is_told(scene, capfd):
     built(capfd)
     bpy.context.window.scene = bpy.data.scenes["Copy"]
     assert told not in built(capfd)
+
+
+def test_another_scene_that_shadows_lamps_twice_is_told(scene, capfd):
+    built(capfd)
+    bpy.ops.scene.new(type="LINK_COPY")
+    copy = bpy.context.scene
+    copy.name, copy.compositing_node_group = "Copy", None
+    built(capfd)
+    warning = (
+        "Scene 'Courtyard' shadows some of these lamps twice now: give lamps their shadows back there too"
+    )
+    lamp = lamps(copy)["Sun"]
+    lamp.data.keyframe_insert("use_shadow", frame=1)  # so it is not joined any more
+    assert warning in built(capfd)
+    lamp.data.animation_data_clear()
+    built(capfd)
+    assert warning in told(capfd, bpy.ops.strata.restore_shadows)
+    bpy.context.window.scene = scene
+    assert bpy.ops.strata.restore_shadows.poll()
+    (line,) = told(capfd, bpy.ops.strata.restore_shadows)
+    assert line == "Shadow nodes are away; no lamp had its own shadow switched off"
+    assert not bpy.ops.strata.restore_shadows.poll()
+    assert not [node for node in scene.compositing_node_group.nodes if node.type == "GROUP"]
 
 
 def test_a_full_copy_of_a_scene_gets_shadows_of_its_own(scene, tmp_path):

@@ -36,7 +36,7 @@ _TITLES = tuple(kind.title for effect in EFFECTS for kind in effect.layers if ki
 class Built:
     """Layers by name: what `build` joined, and what not and why; `others` are no shadows. Names of lights
     whose own shadows were switched off, and of those that got theirs back. `elsewhere`: other scenes that
-    show such a lamp and have no nodes for its shadow."""
+    show such a lamp and have no nodes for its shadow; `twice`: those that have nodes for one given back."""
 
     joined: tuple[str, ...]
     apart: dict[str, str]
@@ -44,6 +44,15 @@ class Built:
     switched: tuple[str, ...]
     given_back: tuple[str, ...]
     elsewhere: tuple[str, ...]
+    twice: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class TakenAway:
+    """Names of lights that got their shadows back, and of other scenes that shadow one of them twice now."""
+
+    given_back: tuple[str, ...]
+    twice: tuple[str, ...]
 
 
 def build(
@@ -92,18 +101,24 @@ def build(
         apart,
         tuple(sorted(others)),
         tuple(switched),
-        tuple(given_back),
+        tuple(light.name for light in given_back),
         tuple(_elsewhere(scene)),
+        tuple(_twice(scene, given_back)),
     )
 
 
-def take_away(scene: bpy.types.Scene) -> list[str]:
-    """Gives lamps their own shadows back and takes the nodes away that stand in for them; returns names of
-    lights. Light groups stay."""
-    tree = scene.compositing_node_group
-    for node in [] if tree is None else [node for node in tree.nodes if _is_ours(node)]:
-        _bypass(tree, node)
-    return light_groups.give_back(scene)
+def can_take_away(scene: bpy.types.Scene) -> bool:
+    """Whether there is anything to. Cheap enough to be asked at every redraw."""
+    return bool(_ours(scene) or light_groups.returnable(scene))
+
+
+def take_away(scene: bpy.types.Scene) -> TakenAway:
+    """Gives lamps their own shadows back and takes the nodes away that stand in for them. Light groups
+    stay."""
+    for node in _ours(scene):
+        _bypass(scene.compositing_node_group, node)
+    lights = light_groups.give_back(scene)
+    return TakenAway(tuple(light.name for light in lights), tuple(_twice(scene, lights)))
 
 
 # What there is to join
@@ -194,9 +209,17 @@ def _elsewhere(scene: bpy.types.Scene) -> list[str]:
     return [
         other.name
         for other in bpy.data.scenes
-        if other != scene
-        and not lights.isdisjoint(light_groups.marked(other))
-        and not any(map(_is_ours, other.compositing_node_group.nodes if other.compositing_node_group else ()))
+        if other != scene and not lights.isdisjoint(light_groups.marked(other)) and not _ours(other)
+    ]
+
+
+def _twice(scene: bpy.types.Scene, given_back: Iterable[bpy.types.Light]) -> list[str]:
+    """Other scenes whose nodes of ours shadow lamps that cast their own shadows again."""
+    lights = set(given_back)
+    return [
+        other.name
+        for other in bpy.data.scenes
+        if other != scene and _ours(other) and not lights.isdisjoint(light_groups.lights_of(other))
     ]
 
 
@@ -297,6 +320,11 @@ def _passes(source: bpy.types.Node) -> set[str]:
 
 def _is_ours(node: bpy.types.Node) -> bool:
     return node.type == "GROUP" and node.node_tree is not None and node.node_tree.name.startswith(GROUP_NAME)
+
+
+def _ours(scene: bpy.types.Scene) -> list[bpy.types.Node]:
+    tree = scene.compositing_node_group
+    return [] if tree is None else [node for node in tree.nodes if _is_ours(node)]
 
 
 def _join(

@@ -193,10 +193,10 @@ def remove_groups(made: Iterable[tuple]) -> None:
         layer.update_render_passes()
 
 
-def apply(division: Division, scene: bpy.types.Scene) -> tuple[list[str], list[str]]:
+def apply(division: Division, scene: bpy.types.Scene) -> tuple[list[str], list[bpy.types.Light]]:
     """Puts lamps into their groups, switches their own shadows off and marks them; a lamp of the scene that
-    was marked and is not joined any more gets its own back. Returns names of lights: those switched off, and
-    those given back."""
+    was marked and is not joined any more gets its own back. Returns names of lights that were switched off,
+    and lights that `give_back` switched on."""
     for found in division.joined.values():
         if found.carrier is not None:
             found.carrier.lightgroup = found.group
@@ -215,10 +215,11 @@ def marked(scene: bpy.types.Scene) -> list[bpy.types.Light]:
     """Lights of lamps in the scene, instanced ones too, whose shadows are the compositor's."""
     if not any(map(is_composited, bpy.data.lights)):
         return []  # asked at every redraw, and nearly always so
-    return [light for light in _lights(scene) if is_composited(light)]
+    return [light for light in lights_of(scene) if is_composited(light)]
 
 
-def _lights(scene: bpy.types.Scene) -> list[bpy.types.Light]:
+def lights_of(scene: bpy.types.Scene) -> list[bpy.types.Light]:
+    """Of lamps in the scene, instanced ones too."""
     lamps = {thing for thing in scene.objects if thing.type == "LIGHT"}
     for thing in scene.objects:
         if thing.instance_collection is not None:
@@ -226,15 +227,22 @@ def _lights(scene: bpy.types.Scene) -> list[bpy.types.Light]:
     return sorted({lamp.data for lamp in lamps}, key=lambda light: light.name_full)
 
 
-def give_back(scene: bpy.types.Scene, kept: Collection[bpy.types.Light] = ()) -> list[str]:
+def returnable(scene: bpy.types.Scene) -> list[bpy.types.Light]:
+    """Lights that `give_back` changes: those with the mark, also where somebody switched the shadow on."""
+    if not any(light.strata_shadow_composited for light in bpy.data.lights):
+        return []
+    return [light for light in lights_of(scene) if light.is_editable and light.strata_shadow_composited]
+
+
+def give_back(scene: bpy.types.Scene, kept: Collection[bpy.types.Light] = ()) -> list[bpy.types.Light]:
     """Takes the mark off lights, but of those in `kept`, and switches the shadows on again that it stood for;
-    returns their names."""
-    names = []
-    for light in _lights(scene):
-        if light in kept or not light.is_editable or not light.strata_shadow_composited:
+    returns those."""
+    switched = []
+    for light in returnable(scene):
+        if light in kept:
             continue
         if not light.use_shadow:
             light.use_shadow = True
-            names.append(light.name)
+            switched.append(light)
         light.strata_shadow_composited = False
-    return names
+    return switched

@@ -11,11 +11,11 @@ from .. import preview
 from ..core.effect import Effect
 from ..core.errors import StrataError
 from ..effects.registry import EFFECTS
+from ..layers.compositor import can_take_away
 from ..layers.exr_params import ExrParams
 from ..layers.fitting import unfit_file, unfit_render
 from ..measure.report import LayerError, NotMeasured, error_of, words_of
 from ..measure.verdict import advice, between, percent
-from ..scene.light_groups import marked
 from . import boxes, plot
 from .output import output_of, told_output, waits_for_saving
 from .rows import parameters
@@ -298,7 +298,7 @@ def compositor_button(layout: bpy.types.UILayout, context) -> None:
     row.operator("strata.build_compositor", icon="NODE_COMPOSITING")
     if reason:
         text(layout, context, reason[0].upper() + reason[1:], "INFO")
-    if marked(scene):
+    if can_take_away(scene):
         layout.operator("strata.restore_shadows", icon="LOOP_BACK")
 
 
