@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import bpy
@@ -11,6 +12,7 @@ from ..addon.layers.compositor import Built, build, can_take_away, take_away
 from ..addon.layers.fitting import rendering, unfit_file, unfit_render, unlike
 from ..addon.layers.numbered import Placeholder
 from ..addon.scene.changing import may_change
+from ..addon.scene.light_groups import marked
 from ..addon.ui.output import output_of
 from ..addon.ui.registration import Classes
 from .reported import reported
@@ -90,6 +92,13 @@ def _summary(built: Built) -> str:
     return words
 
 
+def _without(lights: Iterable[str]) -> str:
+    return (
+        f"Still without a shadow: {', '.join(lights)}: linked from a library and cannot be changed here. "
+        "Give lamps their shadows back in its file, or make a library override"
+    )
+
+
 class STRATA_OT_restore_shadows(bpy.types.Operator):
     """Switch the lamps' own shadows on again and take away the compositor nodes that stand in for them. Light
     groups stay"""
@@ -102,7 +111,10 @@ class STRATA_OT_restore_shadows(bpy.types.Operator):
     def poll(cls, context):
         found = can_take_away(context.scene)
         if not found:
-            cls.poll_message_set("Every lamp of this scene has its own shadow")
+            without = [light.name for light in marked(context.scene)]
+            cls.poll_message_set(
+                _without(without) if without else "Every lamp of this scene has its own shadow"
+            )
         return found
 
     @reported
@@ -110,9 +122,11 @@ class STRATA_OT_restore_shadows(bpy.types.Operator):
         taken = take_away(context.scene)
         for name in taken.twice:
             self.report({"WARNING"}, _shadowed_twice(name))
+        if taken.without:
+            self.report({"WARNING"}, _without(taken.without))
         if taken.given_back:
             self.report({"INFO"}, f"Cast their own shadows again: {', '.join(taken.given_back)}")
-        else:
+        elif not taken.without:
             self.report({"INFO"}, "Shadow nodes are away; no lamp had its own shadow switched off")
         return {"FINISHED"}
 

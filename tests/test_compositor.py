@@ -590,6 +590,24 @@ def test_a_lamp_of_a_library_is_named(courtyard, tmp_path):
     assert (light.use_shadow, light.strata_shadow_composited) == (False, True)
 
 
+def test_lamps_that_a_library_keeps_without_a_shadow_are_named(scene, tmp_path, capfd):
+    bpy.ops.strata.build_compositor()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "built.blend"))
+    linked = empty_scene()
+    with bpy.data.libraries.load(str(tmp_path / "built.blend"), link=True) as (_, taken):
+        taken.objects = ["Sun"]
+    linked.collection.objects.link(*taken.objects)
+    with pytest.raises(RuntimeError, match="Still without a shadow: Sun: linked from a library"):
+        bpy.ops.strata.restore_shadows()
+    lamp(linked, "POINT", (0, 0, 3), 100, use_shadow=False, strata_shadow_composited=True)
+    lines = told(capfd, bpy.ops.strata.restore_shadows)
+    assert lines[0].startswith(
+        "Still without a shadow: Sun: linked from a library and cannot be changed here"
+    )
+    assert lines[1:] == ["Cast their own shadows again: Point"]
+    assert not bpy.ops.strata.restore_shadows.poll()
+
+
 @pytest.mark.parametrize("output", ["both.exr", "{view_layer_name}.exr"])
 def test_every_view_layer_that_renders_is_shadowed(scene, tmp_path, output):
     """Where the tree shows it; light groups are on all of them. Both are in one file, or each in its own."""

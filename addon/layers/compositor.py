@@ -49,9 +49,11 @@ class Built:
 
 @dataclass(frozen=True)
 class TakenAway:
-    """Names of lights that got their shadows back, and of other scenes that shadow one of them twice now."""
+    """Names of lights that got their shadows back, of those that a library keeps without, and of other scenes
+    that shadow one of the former twice now."""
 
     given_back: tuple[str, ...]
+    without: tuple[str, ...]
     twice: tuple[str, ...]
 
 
@@ -118,7 +120,10 @@ def take_away(scene: bpy.types.Scene) -> TakenAway:
     for node in _ours(scene):
         _bypass(scene.compositing_node_group, node)
     lights = light_groups.give_back(scene)
-    return TakenAway(tuple(light.name for light in lights), tuple(_twice(scene, lights)))
+    given_back, without = (
+        tuple(light.name for light in some) for some in (lights, light_groups.marked(scene))
+    )
+    return TakenAway(given_back, without, tuple(_twice(scene, lights)))
 
 
 # What there is to join
