@@ -526,8 +526,11 @@ def test_a_group_with_something_else_that_shines_is_shared(scene, capfd):
     told = built(capfd)
     assert not [line for line in told if line.startswith("Not joined: Soft Shadow Sun")]
     glow = bpy.data.materials.new("Glow")
-    glow.node_tree.nodes["Principled BSDF"].inputs["Emission Strength"].default_value = 1.0
+    inputs = glow.node_tree.nodes["Principled BSDF"].inputs
+    inputs["Emission Strength"].default_value, inputs["Emission Color"].default_value = 1.0, (0, 0, 0, 1)
     mesh.material_slots[0].material = glow
+    assert not [line for line in built(capfd) if line.startswith("Not joined: Soft Shadow Sun")]
+    inputs["Emission Color"].default_value = (0, 0.1, 0, 1)
     assert [
         line
         for line in built(capfd)

@@ -64,9 +64,11 @@ def may_glow(material: bpy.types.Material) -> bool:
         for node in tree.nodes:
             if node.type == "EMISSION":
                 return True
-            strength = node.inputs["Emission Strength"] if node.type == "BSDF_PRINCIPLED" else None
-            if strength is not None and (strength.is_linked or strength.default_value > 0.0):
-                return True
+            if node.type == "BSDF_PRINCIPLED":
+                strength, colour = node.inputs["Emission Strength"], node.inputs["Emission Color"]
+                is_bright = strength.is_linked or strength.default_value > 0.0
+                if is_bright and (colour.is_linked or any(value > 0.0 for value in colour.default_value[:3])):
+                    return True
             group = getattr(node, "node_tree", None)
             if group is not None and group not in trees:
                 trees.append(group)
