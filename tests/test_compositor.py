@@ -15,6 +15,7 @@ from strata.addon.layers import compositor
 from strata.addon.layers.compositor import GROUP_NAME
 from strata.addon.layers.exr_header import header_of
 from strata.addon.scene.open import open_blend
+from strata.addon.ui import draw
 from strata.ops.cli import main
 
 SIZE = (32, 18)
@@ -672,6 +673,16 @@ def test_layers_that_are_no_shadows_are_told(scene, tmp_path, capfd):
     (told,) = (line for line in built(capfd) if line.startswith("Not joined, as they are no shadows: "))
     assert "Toon" in told
     expect(composited(scene, tmp_path), summed(*shadows(scene).values()))
+
+
+def test_the_panel_looks_for_the_file_of_a_view_layer_that_renders(scene, courtyard):
+    (courtyard / "ViewLayer.exr").write_bytes((courtyard / "baked.exr").read_bytes())
+    scene.strata.output = "//{view_layer_name}.exr"
+    bpy.context.window.view_layer = scene.view_layers.new("Second")
+    assert "There is no" in draw.unjoinable(bpy.context)
+    bpy.context.view_layer.use = False
+    assert not draw.unjoinable(bpy.context)
+    assert bpy.ops.strata.build_compositor() == {"FINISHED"}
 
 
 # What is baked of a marked lamp

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable
+from pathlib import Path
 
 import bpy
 
@@ -13,7 +14,7 @@ from ..core.errors import StrataError
 from ..effects.registry import EFFECTS
 from ..layers.compositor import can_take_away
 from ..layers.exr_params import ExrParams
-from ..layers.fitting import unfit_file, unfit_render
+from ..layers.fitting import rendering, unfit_file, unfit_render
 from ..measure.report import LayerError, NotMeasured, error_of, words_of
 from ..measure.verdict import advice, between, percent
 from . import boxes, plot
@@ -283,16 +284,26 @@ def _advice(layout: bpy.types.UILayout, context, effect: Effect, made: list[dict
             text(layout, context, lower[0].upper() + lower[1:], "INFO")
 
 
+def unjoinable(context) -> str:
+    """Why no compositor nodes can be built; empty where nothing is known to be in the way."""
+    scene = context.scene
+    if waits_for_saving(scene):
+        return "Compositor nodes read the baked file: save this Blender file, then bake again"
+    try:
+        return unfit_render(scene) or unfit_file(scene, _file_to_join(context))
+    except StrataError as error:
+        return str(error)
+
+
+def _file_to_join(context) -> Path:
+    """Of the first view layer that renders, which the operator asks for too."""
+    scene = context.scene
+    return output_of(scene, rendering(scene, context.view_layer)[0]).path(scene.frame_current)
+
+
 def compositor_button(layout: bpy.types.UILayout, context) -> None:
     """With the reason where it cannot be pressed."""
-    scene = context.scene
-    try:
-        path = output_of(scene, context.view_layer).path(scene.frame_current)
-        reason = unfit_render(scene) or unfit_file(scene, path)
-    except StrataError as error:
-        reason = str(error)
-    if waits_for_saving(scene):
-        reason = "Compositor nodes read the baked file: save this Blender file, then bake again"
+    scene, reason = context.scene, unjoinable(context)
     row = layout.row()
     row.enabled = not reason
     row.operator("strata.build_compositor", icon="NODE_COMPOSITING")
