@@ -10,12 +10,13 @@ import strata
 from conftest import SAMPLES
 from exr_layers import read_layers
 from scan_scenes import empty_scene
+from strata.addon.effects.registry import EFFECTS
 from strata.addon.engine import passes
 from strata.addon.layers import compositor
 from strata.addon.layers.compositor import GROUP_NAME
 from strata.addon.layers.exr_header import header_of
 from strata.addon.scene.open import open_blend
-from strata.addon.ui import draw
+from strata.addon.ui import draw, rows
 from strata.ops.cli import main
 
 SIZE = (32, 18)
@@ -683,6 +684,35 @@ def test_the_panel_looks_for_the_file_of_a_view_layer_that_renders(scene, courty
     bpy.context.view_layer.use = False
     assert not draw.unjoinable(bpy.context)
     assert bpy.ops.strata.build_compositor() == {"FINISHED"}
+
+
+class Shown:
+    """Stands in for a panel's layout, which only a window has: what labels and buttons say."""
+
+    def __init__(self):
+        self.words = []
+
+    def prop(self, *_, **__): ...
+
+    def label(self, text, icon):
+        self.words.append(text)
+
+    def operator(self, name, text, icon):
+        self.words.append(name)
+
+
+def test_a_lamp_that_is_shadowed_twice_is_told_the_way_out(scene):
+    bpy.ops.strata.build_compositor()
+    for effect in EFFECTS:
+        getattr(scene.strata, effect.id).enabled = False
+    light = lamps(scene)["Sun"].data
+    for use_shadow, words in (
+        (False, "Shadow from compositor"),
+        (True, "Shadowed twice: switch Cast Shadow off, or give the shadows back"),
+    ):
+        light.use_shadow, shown = use_shadow, Shown()
+        rows.own_settings(shown, light, "Light", scene)
+        assert " ".join(shown.words) == f"{words} strata.restore_shadows"
 
 
 # What is baked of a marked lamp

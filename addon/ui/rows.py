@@ -81,9 +81,11 @@ def own_settings(layout: bpy.types.UILayout, data: bpy.types.ID, owner: str, sce
         layout.prop(data, "use_shadow", text="Cast Shadow")
         if is_composited(data):
             layout.label(text="Shadow from compositor", icon="NODE_COMPOSITING")
-            layout.operator("strata.restore_shadows", text="Give All Shadows Back", icon="LOOP_BACK")
         elif data.strata_shadow_composited:
-            layout.label(text="Shadowed twice", icon="ERROR")
+            layout.label(text="Shadowed twice: switch Cast Shadow", icon="ERROR")
+            layout.label(text="off, or give the shadows back", icon="BLANK1")
+        if data.strata_shadow_composited:
+            layout.operator("strata.restore_shadows", text="Give All Shadows Back", icon="LOOP_BACK")
         is_active = is_active and casts_shadow(data)
     for effect, specs in _own(scene, owner).items():
         title = layout.column()
