@@ -8,7 +8,7 @@ from functools import partial
 import bpy
 
 from ..addon.bake import Baked, BakeJob, read_job
-from ..addon.core.errors import Cancelled, one_line
+from ..addon.core.errors import Cancelled, one_line, sentence
 from ..addon.job import Runner, run_to_end
 from ..addon.layers.exr import check_codec, write_layers
 from ..addon.layers.files import check_writable
@@ -123,7 +123,7 @@ class STRATA_OT_bake(bpy.types.Operator):
         self._job = job = read_job(*where, sequence=sequence or ())
         if reason := nothing_to_bake(job.graph, job.sequence):
             STATE.show_plan(self._scene_id, job.graph)
-            self.report({"WARNING"}, reason[0].upper() + reason[1:])
+            self.report({"WARNING"}, sentence(reason))
             return None
         if self._path and (warning := room_warning(self._path, job, self._exr)):
             self.report({"WARNING"}, warning)

@@ -14,13 +14,13 @@ from typing import Any, TextIO
 
 from ..addon.core.effect import Effect
 from ..addon.core.errors import Cancelled, StrataError, one_line
+from ..addon.core.naming import some_frames
 from ..addon.core.params import plain
 from ..addon.effects.registry import EFFECTS
 from .arguments import build_parser, exr_values, nested, read_outputs
 from .terminal import Interrupts, Progress, clean_stdout
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
-MOST_NAMED = 10  # of frames that failed
 
 
 def main(words: Sequence[str] | None = None, in_blender: bool = False) -> int:
@@ -244,8 +244,7 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
                 print(f"strata: frame {frame}: {one_line(error)}", file=sys.stderr, flush=True)
                 failed.append(frame)
     if failed:
-        which = ", ".join(map(str, failed[:MOST_NAMED])) + (", ..." if len(failed) > MOST_NAMED else "")
-        raise StrataError(f"{len(failed)} of {len(chosen.frames)} frames failed: {which}")
+        raise StrataError(f"{len(failed)} of {len(chosen.frames)} frames failed: {some_frames(failed)}")
     return OK
 
 

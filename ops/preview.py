@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..addon import preview
+from ..addon.core.errors import sentence
 from ..addon.ui.registration import Classes
 from .reported import reported
 
@@ -19,7 +20,7 @@ class STRATA_OT_preview(bpy.types.Operator):
     @classmethod
     def poll(cls, context):
         if reason := preview.available():
-            cls.poll_message_set(reason[0].upper() + reason[1:])
+            cls.poll_message_set(sentence(reason))
             return False
         return True
 

@@ -11,7 +11,7 @@ import strata
 from exr_layers import read_layers
 from render_passes import read_passes, write_multilayer
 from scan_scenes import empty_scene
-from strata.addon.core.naming import LONGEST, LONGEST_TITLE, layer_name
+from strata.addon.core.naming import LONGEST, LONGEST_TITLE, layer_name, named_some, some_frames
 from strata.addon.effects.registry import EFFECTS
 from strata.addon.engine import passes
 from strata.addon.layers.compositor import GROUP_NAME
@@ -289,3 +289,10 @@ def test_an_instancer_that_shows_one_lamp_gives_it_its_light_group(scene, tmp_pa
     with pytest.raises(RuntimeError, match="it shares light group 'Bulb East' with 'East'"):
         bpy.ops.strata.build_compositor()
     assert bulb.data.use_shadow
+
+
+def test_many_are_told_by_the_first():
+    assert named_some(["a", "b", "c"]) == "'a', 'b', 'c'"
+    assert named_some(["a", "b", "c", "d", "e"]) == "'a', 'b', 'c' and 2 more"
+    assert some_frames(range(1, 11)) == "1, 2, 3, 4, 5, 6, 7, 8, 9, 10"
+    assert some_frames(range(1, 12)) == "1, 2, 3, 4, 5, 6, 7, 8, 9, 10, ..."

@@ -54,6 +54,11 @@ def one_line(error: BaseException) -> str:
     return f"Strata failed: {what} ({_place(error)})"
 
 
+def sentence(line: str) -> str:
+    """A line as an interface shows it, where it stands by itself: with a capital."""
+    return line[:1].upper() + line[1:]
+
+
 def told_once(function: Callable) -> Callable:
     """For what Blender calls after every edit and redraw: raises nothing and returns None instead, and tells
     each line on stderr once."""

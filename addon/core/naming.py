@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Sequence
 
 MOST_NAMED = 3  # of things that are told of together
+MOST_FRAMES_NAMED = 10
 ENGINE_ID = "STRATA"  # of the render engine, in Blender's lists and files
 
 LONGEST = 63  # bytes of UTF-8; Blender cuts there
@@ -48,3 +49,9 @@ def named_some(names: Sequence[str]) -> str:
     """`'a', 'b', 'c' and 4 more`, for a person."""
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     return ", ".join(f"'{name}'" for name in names[:MOST_NAMED]) + more
+
+
+def some_frames(frames: Sequence[int]) -> str:
+    """`1, 2, 3, ...`, for a person."""
+    more = ", ..." if len(frames) > MOST_FRAMES_NAMED else ""
+    return ", ".join(map(str, frames[:MOST_FRAMES_NAMED])) + more

@@ -7,12 +7,11 @@ from pathlib import Path
 import bpy
 
 from ..core.errors import StrataError
-from ..core.naming import ENGINE_ID
+from ..core.naming import ENGINE_ID, some_frames
 from ..scene.cameras import camera_warnings, frame_size_of, region_of
 from ..scene.changing import may_change
 from .exr_header import ExrHeader, header_of
 
-MOST_NAMED = 4  # frames in a warning
 _WITHOUT_GROUPS = {"BLENDER_EEVEE": "EEVEE", "BLENDER_WORKBENCH": "Workbench"}
 
 
@@ -98,9 +97,9 @@ def unlike(scene: bpy.types.Scene, path: Path, frames: dict[int, Path]) -> list[
     found = camera_warnings(scene.camera, scene.render)
     missing = [frame for frame, file in frames.items() if not file.is_file()]
     if missing:
-        names = ", ".join(map(str, missing[:MOST_NAMED])) + (", ..." if len(missing) > MOST_NAMED else "")
         found.append(
-            f"{len(missing)} frames of the scene's range have no file, and would lie in full shadow: {names}"
+            f"{len(missing)} frames of the scene's range have no file, and would lie in full shadow: "
+            f"{some_frames(missing)}"
         )
     baked = header_of(path).text("Frame")
     if (

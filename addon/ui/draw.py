@@ -10,7 +10,7 @@ import bpy
 
 from .. import preview
 from ..core.effect import Effect
-from ..core.errors import StrataError
+from ..core.errors import StrataError, sentence
 from ..effects.registry import EFFECTS
 from ..layers.compositor import can_take_away
 from ..layers.exr_params import ExrParams
@@ -58,7 +58,7 @@ def preview_switch(layout: bpy.types.UILayout, context) -> None:
     if reason:
         column = layout.column()
         column.active = False
-        text(column, context, reason[0].upper() + reason[1:], "INFO")
+        text(column, context, sentence(reason), "INFO")
     elif is_on and (failure := preview.failure()):
         text(layout, context, failure, "ERROR")
 
@@ -128,7 +128,7 @@ def output(layout: bpy.types.UILayout, context) -> None:
             told = [(path.name, "FILE"), (str(path.parent), "FILE_FOLDER")]
         elif reason:
             row.alert = True  # before the field is made
-            told = [(reason[0].upper() + reason[1:], "ERROR")]
+            told = [(sentence(reason), "ERROR")]
     row.prop(context.scene.strata, "output")
     for words, icon in told:
         text(layout, context, words, icon)
@@ -207,7 +207,7 @@ def lights(layout: bpy.types.UILayout, context) -> None:
     # Below what a mouse may be on its way to.
     if memory := STATE.memory.get(context.scene.session_uid):
         words = memory.shortage or memory.sentence
-        text(layout, context, words[0].upper() + words[1:], "MEMORY")
+        text(layout, context, sentence(words), "MEMORY")
 
 
 def light(layout: bpy.types.UILayout, context, name: str, rows: list[PlanRow]) -> None:
@@ -281,7 +281,7 @@ def _advice(layout: bpy.types.UILayout, context, effect: Effect, made: list[dict
     """What lowers errors that are to be seen, once for all layers that have the same settings."""
     for lower in dict.fromkeys(advice(layer.get("lowered_by", ()), effect.id) for layer in made):
         if lower:
-            text(layout, context, lower[0].upper() + lower[1:], "INFO")
+            text(layout, context, sentence(lower), "INFO")
 
 
 def unjoinable(context) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..core.errors import sentence
 from .draw import text
 from .state import STATE
 
@@ -19,7 +20,7 @@ def told(layout: bpy.types.UILayout, context) -> None:
     if len(warnings) > 1:
         line.label(text=f"{len(warnings)} warnings before a bake", icon="ERROR")
     elif warnings:
-        line.label(text=_sentence(warnings[0]), icon="ERROR")
+        line.label(text=sentence(warnings[0]), icon="ERROR")
     else:
         line.active = False
         is_read = scene in STATE.plans
@@ -32,8 +33,4 @@ def told(layout: bpy.types.UILayout, context) -> None:
     if scene in STATE.outdated:
         text(body, context, "The scene has changed since it was read, which takes long", "TIME")
     for warning in warnings:
-        text(body, context, _sentence(warning), "DOT")
-
-
-def _sentence(warning: str) -> str:
-    return warning[0].upper() + warning[1:]
+        text(body, context, sentence(warning), "DOT")
