@@ -12,9 +12,9 @@ from exr_layers import read_layers
 from scan_scenes import empty_scene
 from strata.addon.effects.registry import EFFECTS
 from strata.addon.engine import passes
-from strata.addon.layers import compositor
-from strata.addon.layers.compositor import GROUP_NAME
+from strata.addon.layers import shadow_nodes
 from strata.addon.layers.exr_header import header_of
+from strata.addon.layers.shadow_nodes import GROUP_NAME
 from strata.addon.scene.open import open_blend
 from strata.addon.ui import draw, rows
 from strata.ops.cli import main
@@ -854,7 +854,7 @@ def test_whatever_fails_leaves_each_lamp_a_shadow(scene, monkeypatch):
     def fails(*_):
         raise MemoryError
 
-    monkeypatch.setattr(compositor, "_fill", fails)
+    monkeypatch.setattr(shadow_nodes, "_fill", fails)
     assert "not enough memory" in refused()
     assert all(lamp.data.use_shadow for lamp in lamps(scene).values())
     assert not any(lamp.data.strata_shadow_composited for lamp in lamps(scene).values())

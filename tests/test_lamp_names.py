@@ -14,7 +14,7 @@ from scan_scenes import empty_scene
 from strata.addon.core.naming import LONGEST, LONGEST_TITLE, layer_name, named_some, some_frames
 from strata.addon.effects.registry import EFFECTS
 from strata.addon.engine import passes
-from strata.addon.layers.compositor import GROUP_NAME
+from strata.addon.layers.shadow_nodes import GROUP_NAME
 from strata.addon.scene.lamp_names import LampNames
 from strata.addon.scene.render_depsgraph import with_render_depsgraph
 from strata.addon.scene.scan import scan
