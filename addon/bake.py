@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .baked import Baked, put_together
 from .core.arrays import Arrays
 from .core.effect import Effect
 from .core.errors import Cancelled, StrataError
@@ -18,7 +19,6 @@ from .core.execution import Execution
 from .core.executor import Executor
 from .core.free_memory import free_bytes, give_back, held_bytes
 from .core.graph import Graph, PlannedLayer
-from .core.layers import Layer, LayerSet
 from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups
 from .core.outline import Outline
 from .core.progress import Forecast
@@ -33,7 +33,7 @@ from .effects.shared import composite, lit
 from .effects.shared.look import look
 from .measure.budget import MeasuringOutlook
 from .measure.measure import Measurement
-from .measure.report import LayerError, NotMeasured, Report, StepTime, report_of
+from .measure.report import LayerError, NotMeasured
 from .measuring import Measuring, unless_cancelled
 
 SHOWING_SECONDS = 0.05  # between two looks at how long it still takes
@@ -113,18 +113,6 @@ def groups_of(
     budget = free_bytes() // 2 if automatic else options.memory_bytes
     room = ROOM_BYTES if automatic else None
     return in_groups(graph, outline, sampling_of(outline, options), budget, held, room)
-
-
-@dataclass(frozen=True)
-class Baked:
-    """`lit`: unshadowed diffuse radiance by light index, `composite`: that of all lights with all layers
-    joined, each (height, width, 4) float32, alpha is coverage and colour premultiplied, row 0 at the bottom;
-    empty and None where they were not asked for, or nothing is in view."""
-
-    layers: LayerSet
-    report: Report
-    lit: dict[int, np.ndarray]
-    composite: np.ndarray | None = None
 
 
 class BakeJob:
@@ -233,7 +221,24 @@ class BakeJob:
         executor.release()
         seconds = time.perf_counter() - started
         self._forecast.learn()
-        self._result = self._finished(execution, errors, seconds)
+        self.graph, missing = with_neutral(self.graph, self.sequence, outline)
+        self._result = put_together(
+            outline=outline,
+            graph=self.graph,
+            devices=self.devices,
+            execution=execution,
+            chosen={effect.id: params for effect, params in options.chosen().items()},
+            seed=options.seed,
+            chunks=sampling_of(outline, options).chunk_count,
+            errors=errors,
+            seconds=seconds,
+            look_seconds=self._look_seconds,
+            memory=self.memory,
+            warnings=[*self._warnings, *execution.warnings],
+            sequence=self.sequence,
+            missing=missing,
+            has_picture=options.composite,
+        )
         self.progress, self.stage = 1.0, "Done"
 
     def _show_progress(self) -> None:
@@ -287,106 +292,9 @@ class BakeJob:
             self._show_progress()
             yield
 
-    def _finished(
-        self, execution: Execution, errors: dict[str, LayerError | NotMeasured], seconds: float
-    ) -> Baked:
-        outline = self.outline
-        own = _own_nodes(self.graph)
-        chunks = sampling_of(outline, self.options).chunk_count
-        chosen = {effect.id: params for effect, params in self.options.chosen().items()}
-        layers, costs = [], {}
-        for layer in (layer for layer in self.graph.layers if layer.effect):
-            # Any layer needs the look; it is a layer's own where there is no other.
-            own_look = self._look_seconds if len(own) == 1 else 0.0
-            costs[layer.name] = (
-                own_look + execution.seconds(own[layer.name]),
-                self._look_seconds + execution.seconds(self.graph.nodes([layer.node]), chunks),
-            )
-            error = errors[layer.name].to_json() if layer.name in errors else {}
-            params = chosen[layer.effect]
-            if layer.light_index is not None:
-                params = outline.lights[layer.light_index].params_for(layer.effect, params)
-            layers.append(
-                Layer(
-                    layer.name,
-                    layer.channels,
-                    # Nothing is known outside a render region: what changes nothing there stands for it.
-                    outline.framed(execution.images[layer.name], layer.blend.neutral),
-                    layer.effect,
-                    layer.light,
-                    layer.light_index,
-                    costs[layer.name][0],
-                    error,
-                    params.as_dict(),
-                )
-            )
-        self.graph, missing = with_neutral(self.graph, self.sequence, outline)
-        settings = {effect_id: params.as_dict() for effect_id, params in chosen.items()}
-        layers += (layer.neutral(outline.size, settings.get(layer.effect, {})) for layer in missing)
-        if self.sequence:
-            places = {layer.name: place for place, layer in enumerate(self.sequence)}
-            layers.sort(key=lambda layer: places.get(layer.name, len(places)))
-        steps = [
-            StepTime(timing.node.step.name, timing.node.instance, timing.device, timing.seconds)
-            for timing in execution.timings.values()
-        ]
-        steps.insert(0, StepTime("look", "camera", self.devices.fallback.name, self._look_seconds))
-        report = report_of(
-            outline=outline,
-            graph=self.graph,
-            backend=self.devices.primary.name,
-            backend_reason=self.devices.reason,
-            seed=self.options.seed,
-            seconds=seconds,
-            compile_seconds=self.devices.primary.compile_seconds,
-            steps=steps,
-            images=execution.images,
-            antialiasing=execution.antialiasing,
-            memory=self.memory,
-            costs=costs,
-            errors=errors,
-            warnings=[*self._warnings, *execution.warnings],
-            neutral=missing,
-            order=[layer.name for layer in layers],
-        )
-        width, height = outline.size
-        aspect = outline.pixel_aspect[0] / outline.pixel_aspect[1]
-        layer_set = LayerSet(
-            tuple(layers),
-            width,
-            height,
-            outline.view_layer_name,
-            outline.working_space,
-            report.to_json(),
-            aspect,
-            outline.region,
-            outline.frame_size if outline.region and outline.crop else None,
-            outline.stamp,
-        )
-        pictures = {
-            layer.light_index: outline.framed(execution.images[layer.name])
-            for layer in self.graph.layers
-            if not layer.effect
-        }
-        picture = pictures.pop(None, None)
-        if picture is None and self.options.composite and self.sequence:
-            picture = np.broadcast_to(np.float32(0.0), (height, width, 4))  # as other frames have one
-        return Baked(layer_set, report, pictures, picture)
-
 
 def _is_composite(layer: PlannedLayer) -> bool:
     return not layer.effect and layer.light_index is None
-
-
-def _own_nodes(graph: Graph) -> dict[str, list]:
-    """By layer, the nodes that no other layer of the file reads."""
-    layers = [layer for layer in graph.layers if layer.effect]
-    readers: dict[str, int] = {}
-    below = {layer.name: graph.nodes([layer.node]) for layer in layers}
-    for nodes in below.values():
-        for node in nodes:
-            readers[node.key] = readers.get(node.key, 0) + 1
-    return {name: [node for node in nodes if readers[node.key] == 1] for name, nodes in below.items()}
 
 
 def read_depsgraph(

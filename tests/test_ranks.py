@@ -18,6 +18,7 @@ RANKS = {
     "addon/scene": 2,
     "addon/layers": 2,
     "addon/bake.py": 3,
+    "addon/baked.py": 3,
     "addon/measuring.py": 3,
     "addon/job.py": 3,
     "addon/sequence.py": 4,

@@ -1,0 +1,142 @@
+"""What a bake leaves behind, put together from what was made and measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .core.execution import Execution
+from .core.graph import Graph
+from .core.layers import Layer, LayerSet
+from .core.memory import MemoryEstimate
+from .core.outline import Outline
+from .core.params import Params
+from .core.sequence import SequenceLayer
+from .devices.start import Devices
+from .measure.report import LayerError, NotMeasured, Report, StepTime, report_of
+
+
+@dataclass(frozen=True)
+class Baked:
+    """`lit`: unshadowed diffuse radiance by light index, `composite`: that of all lights with all layers
+    joined, each (height, width, 4) float32, alpha is coverage and colour premultiplied, row 0 at the bottom;
+    empty and None where they were not asked for, or nothing is in view."""
+
+    layers: LayerSet
+    report: Report
+    lit: dict[int, np.ndarray]
+    composite: np.ndarray | None = None
+
+
+def put_together(
+    *,
+    outline: Outline,
+    graph: Graph,
+    devices: Devices,
+    execution: Execution,
+    chosen: dict[str, Params],
+    seed: int,
+    chunks: int,
+    errors: dict[str, LayerError | NotMeasured],
+    seconds: float,
+    look_seconds: float,
+    memory: MemoryEstimate | None,
+    warnings: Sequence[str],
+    sequence: tuple[SequenceLayer, ...],
+    missing: tuple[SequenceLayer, ...],
+    has_picture: bool,
+) -> Baked:
+    """`chosen`: parameters by effect id; `chunks` is how often a surface was made, `errors` by layer;
+    `seconds` are of the whole bake and `look_seconds` of its coarse picture. `missing`: what the graph lacks
+    of `sequence`, for which neutral layers stand. `has_picture`: there is a composite, also of nothing."""
+    own = _own_nodes(graph)
+    layers, costs = [], {}
+    for layer in (layer for layer in graph.layers if layer.effect):
+        # Any layer needs the look; it is a layer's own where there is no other.
+        own_look = look_seconds if len(own) == 1 else 0.0
+        costs[layer.name] = (
+            own_look + execution.seconds(own[layer.name]),
+            look_seconds + execution.seconds(graph.nodes([layer.node]), chunks),
+        )
+        error = errors[layer.name].to_json() if layer.name in errors else {}
+        params = chosen[layer.effect]
+        if layer.light_index is not None:
+            params = outline.lights[layer.light_index].params_for(layer.effect, params)
+        layers.append(
+            Layer(
+                layer.name,
+                layer.channels,
+                # Nothing is known outside a render region: what changes nothing there stands for it.
+                outline.framed(execution.images[layer.name], layer.blend.neutral),
+                layer.effect,
+                layer.light,
+                layer.light_index,
+                costs[layer.name][0],
+                error,
+                params.as_dict(),
+            )
+        )
+    settings = {effect_id: params.as_dict() for effect_id, params in chosen.items()}
+    layers += (layer.neutral(outline.size, settings.get(layer.effect, {})) for layer in missing)
+    if sequence:
+        places = {layer.name: place for place, layer in enumerate(sequence)}
+        layers.sort(key=lambda layer: places.get(layer.name, len(places)))
+    steps = [
+        StepTime(timing.node.step.name, timing.node.instance, timing.device, timing.seconds)
+        for timing in execution.timings.values()
+    ]
+    steps.insert(0, StepTime("look", "camera", devices.fallback.name, look_seconds))
+    report = report_of(
+        outline=outline,
+        graph=graph,
+        backend=devices.primary.name,
+        backend_reason=devices.reason,
+        seed=seed,
+        seconds=seconds,
+        compile_seconds=devices.primary.compile_seconds,
+        steps=steps,
+        images=execution.images,
+        antialiasing=execution.antialiasing,
+        memory=memory,
+        costs=costs,
+        errors=errors,
+        warnings=warnings,
+        neutral=missing,
+        order=[layer.name for layer in layers],
+    )
+    width, height = outline.size
+    aspect = outline.pixel_aspect[0] / outline.pixel_aspect[1]
+    layer_set = LayerSet(
+        tuple(layers),
+        width,
+        height,
+        outline.view_layer_name,
+        outline.working_space,
+        report.to_json(),
+        aspect,
+        outline.region,
+        outline.frame_size if outline.region and outline.crop else None,
+        outline.stamp,
+    )
+    pictures = {
+        layer.light_index: outline.framed(execution.images[layer.name])
+        for layer in graph.layers
+        if not layer.effect
+    }
+    picture = pictures.pop(None, None)
+    if picture is None and has_picture and sequence:
+        picture = np.broadcast_to(np.float32(0.0), (height, width, 4))  # as other frames have one
+    return Baked(layer_set, report, pictures, picture)
+
+
+def _own_nodes(graph: Graph) -> dict[str, list]:
+    """By layer, the nodes that no other layer of the file reads."""
+    layers = [layer for layer in graph.layers if layer.effect]
+    readers: dict[str, int] = {}
+    below = {layer.name: graph.nodes([layer.node]) for layer in layers}
+    for nodes in below.values():
+        for node in nodes:
+            readers[node.key] = readers.get(node.key, 0) + 1
+    return {name: [node for node in nodes if readers[node.key] == 1] for name, nodes in below.items()}
