@@ -72,29 +72,6 @@ def maximum(errors, weights, sampling=None) -> float:
     return float(np.abs(errors[keep]).max(initial=0.0))
 
 
-def relative_l2(values, truths, sampling=None) -> float:
-    """Root mean square of value - truth over the mean |truth|. Infinite where the truth is all 0 and the
-    values are not."""
-    values, truths = _together(values, truths)
-    sampling = _sampling(sampling, truths)
-    count = sampling.sum()
-    if count <= 0.0:
-        return 0.0
-    root = float(np.sqrt((sampling * (values - truths) ** 2).sum() / count))
-    mean = float((sampling * np.abs(truths)).sum() / count)
-    if mean > 0.0:
-        return root / mean
-    return np.inf if root > 0.0 else 0.0
-
-
-def wrong_share(values, truths, tolerance: float = 0.0, sampling=None) -> float:
-    """Share of the pixels that are off by more than `tolerance`."""
-    values, truths = _together(values, truths)
-    sampling = _sampling(sampling, truths)
-    count = sampling.sum()
-    return float((sampling * (np.abs(values - truths) > tolerance)).sum() / count) if count > 0.0 else 0.0
-
-
 def antialiasing_error(spread, samples: int) -> float | None:
     """RMS standard error of pixels that are means of `samples` samples; None for one sample, which tells
     nothing. `spread`: each pixel's mean squared deviation of its samples from their mean.
