@@ -41,7 +41,8 @@ class SequenceLayer:
 def with_neutral(
     graph: Graph, sequence: Iterable[SequenceLayer], outline: Outline
 ) -> tuple[Graph, tuple[SequenceLayer, ...]]:
-    """Layers of the sequence that the graph does not make, and the graph with the reasons why."""
+    """Layers of the sequence that the graph does not make, and the graph with the reasons why, each in one
+    entry."""
     there = {layer.name for layer in graph.layers}
     missing = tuple(layer for layer in sequence if layer.name not in there)
     left_out = tuple(
@@ -53,7 +54,9 @@ def with_neutral(
         )
         for layer in missing
     )
-    return replace(graph, left_out=graph.left_out + left_out), missing
+    told = {entry.what for entry in left_out}
+    others = tuple(entry for entry in graph.left_out if entry.what not in told)
+    return replace(graph, left_out=others + left_out), missing
 
 
 def _reason(layer: SequenceLayer, graph: Graph, outline: Outline) -> str:
