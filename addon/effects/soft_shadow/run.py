@@ -123,10 +123,14 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers)
     close = _close_casters(params, light.emitter, casters, away)
     is_looked_at = outline.seen is not None and light.emitter.kind == EmitterKind.DISTANT_DISK
     eye = outline.view.eye if is_looked_at else None
-    boxes = outline.instances.boxes_of(casters)
+
+    def find_views():
+        boxes = outline.instances.boxes_of(casters)
+        return light_views(light.emitter, boxes, receivers, away, bool(close), eye)
+
     views, left_out = outline.instances.memo(
         ("views", light.emitter, casters, receivers.tobytes(), away.tobytes(), bool(close), eye),
-        lambda: light_views(light.emitter, boxes, receivers, away, bool(close), eye),
+        find_views,
     )
     for reason, count in Counter(reason for _, reason in left_out).items():
         maps = f"{count} of its maps" if count > 1 else "one of its maps"
