@@ -53,7 +53,7 @@ class StrataPreviewSettings(bpy.types.PropertyGroup):
     )
     show_statistics: bpy.props.BoolProperty(
         name="Statistics",
-        description="Frame time, scale, samples and estimated error in a corner of the viewport",
+        description="Frame time, scale, samples and noise in a corner of the viewport",
         default=True,
     )  # fmt: skip
 
