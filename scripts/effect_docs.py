@@ -36,7 +36,7 @@ def page(effect: Effect) -> str:
             "",
             f"In a shell `--set {effect.id}.<name>=<value>`, in Python `scene.strata.{effect.id}.<name>`.",
             "",
-            *_table(["Name", "In the panel", "Default", "Range", "Unit", "Dearer and better", "Meaning"],
+            *_table(["Name", "In the panel", "Default", "Range", "Unit", "Trades time for error", "Meaning"],
                     map(_parameter_row, effect.params.specs())),
             "",
             "## Steps",
