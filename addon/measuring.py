@@ -44,7 +44,7 @@ class Measuring:
     def errors(self, graph: Graph) -> Generator[None, None, dict[str, LayerError | NotMeasured]]:
         """The error of each of the graph's layers, by name: rays against the layer's own casters, on the CPU
         whatever made the layer."""
-        layers = [layer for layer in graph.layers if layer.kind.reference]
+        layers = [layer for layer in graph.layers if layer.kind.score]
         if not layers:
             return {}
         if self._rays is None:
@@ -85,7 +85,7 @@ class Measuring:
         accelerator, seconds = _value_apart(executor, ray_accelerator(self._outline), device)
         self.outlook.has_tree = True
         self.seconds += seconds
-        self._rays_seconds = seconds / sum(layer.kind.reference is not None for layer in graph.layers)
+        self._rays_seconds = seconds / sum(layer.kind.score is not None for layer in graph.layers)
         yield
         return CpuRays(
             accelerator,

@@ -5,7 +5,6 @@ Only for developers' demos (needs Pillow, which Blender does not carry); the ext
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 from strata.addon.core.layers import Layer, LayerSet
-from strata.addon.measure.report import NotMeasured, error_of, words_of
+from strata.addon.effects.registry import effect_named
+from strata.addon.measure.report import NotMeasured, error_of
 from strata.addon.measure.verdict import advice, between, percent
 
 WIDTH, MARGIN, GAP = 1600, 48, 28
@@ -85,7 +85,7 @@ def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[int, np.
     caption = 96
     rows = -(-len(layer_set.layers) // columns)
     notes = _notes(layer_set.report)
-    lowered_by = {entry["name"]: entry.get("lowered_by", ()) for entry in layer_set.report.get("layers", ())}
+    told = {entry["name"]: entry for entry in layer_set.report.get("layers", ())}
     grid_top = 132 + hero_size[1] + GAP
     notes_top = grid_top + rows * (tile_size[1] + caption + GAP)
     sheet = Image.new("RGB", (WIDTH, notes_top + 30 * len(notes) + MARGIN), BACKGROUND)
@@ -97,13 +97,13 @@ def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[int, np.
     for index, layer in enumerate(layer_set.layers):
         x = MARGIN + (index % columns) * (tile_width + GAP)
         y = grid_top + (index // columns) * (tile_size[1] + caption + GAP)
-        _draw_tile(sheet, draw, layer, (x, y), tile_size, caption, lowered_by.get(layer.name, ()))
+        _draw_tile(sheet, draw, layer, (x, y), tile_size, caption, told.get(layer.name, {}))
     for index, note in enumerate(notes):
         draw.text((MARGIN, notes_top + 30 * index), note, QUIET, label_font(17))
     sheet.save(path)
 
 
-def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int, lowered_by: Sequence[str]) -> None:
+def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int, told: dict) -> None:
     (x, y), (width, height) = corner, size
     draw.rectangle((x, y, x + width - 1, y + height + caption - 1), PANEL)
     sheet.paste(as_picture(layer).resize(size, Image.Resampling.LANCZOS), corner)
@@ -111,13 +111,15 @@ def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int, lowered_by
     draw.text((x + 16, y + height + 12), _fitted(draw, layer.name, title, width - 130), TEXT, title)
     seconds = f"{layer.seconds:.2f} s"
     draw.text((x + width - 16, y + height + 13), seconds, ACCENT, label_font(20), anchor="ra")
-    for line, text in enumerate(error_lines(layer.error, advice(lowered_by, layer.effect))):
+    settings = told.get("lowered_by", ())
+    advised = advice(settings, effect_named(layer.effect).params) if settings else ""
+    for line, text in enumerate(error_lines(layer.error, told.get("verdict", ""), advised)):
         font = label_font(16)
         text = _fitted(draw, text, font, width - 32)
         draw.text((x + 16, y + height + 44 + 22 * line), text, ACCENT if not line else QUIET, font)
 
 
-def error_lines(error: dict, advised: str = "") -> tuple[str, str]:
+def error_lines(error: dict, verdict: str = "", advised: str = "") -> tuple[str, str]:
     """The two caption lines: the error with its interval and how much of it is to be seen; what lowers it, or
     how it was measured."""
     found = error_of(error)
@@ -125,7 +127,7 @@ def error_lines(error: dict, advised: str = "") -> tuple[str, str]:
         return "error not measured", ""
     if isinstance(found, NotMeasured):
         return "error not measured", found.why
-    value = f"error {percent(found.value)}, {words_of(found)}  (95%: {between(*found.ci95)})"
+    value = f"error {percent(found.value)}, {verdict}  (95%: {between(*found.ci95)})"
     return value, advised or f"{found.probes} probes · {found.reference}"
 
 

@@ -68,7 +68,7 @@ def _table(head: list[str], rows) -> list[str]:
 
 def _layer_row(kind) -> list[str]:
     name = f"{kind.title} *light*" if kind.per_light else kind.title
-    return [name, kind.channels, "each light" if kind.per_light else "the image", kind.metric.value, kind.doc]
+    return [name, kind.channels, "each light" if kind.per_light else "the image", kind.score.metric, kind.doc]
 
 
 def _parameter_row(spec: ParamSpec) -> list[str]:

@@ -6,7 +6,7 @@ import numpy as np
 from strata.addon.core.metrics import weighted_rmse
 from strata.addon.core.surface import SurfacePoints
 from strata.addon.measure.difficulty import Difficulty
-from strata.addon.measure.probes import KEPT, Stratum
+from strata.addon.measure.shadow_probes import KEPT, Stratum
 
 
 class Field:

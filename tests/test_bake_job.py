@@ -21,6 +21,7 @@ from strata.addon.effects.soft_shadow.reference import evaluate
 from strata.addon.effects.soft_shadow.run import needed
 from strata.addon.measure.probes import ProbeCollector
 from strata.addon.measure.report import LayerError, NotMeasured, format_table
+from strata.addon.measure.visibility import VisibilityScore
 from strata.addon.measuring import Measuring
 
 IDENTITY = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
@@ -244,7 +245,7 @@ def broken_for(error: BaseException):
 
 def two_lamps(monkeypatch, error: BaseException, **options) -> BakeJob:
     """A lamp whose shadow's reference raises, and a good one."""
-    kind = replace(SOFT_SHADOW.layers[0], reference=broken_for(error))
+    kind = replace(SOFT_SHADOW.layers[0], score=VisibilityScore(broken_for(error)))
     lamps = [lamp((WRONG_SIDE, 0.0, 5.0)), replace(lamp((0.0, 0.0, 5.0)), name="Other", key="Other")]
     outline, arrays = scene_of([FLOOR, PLATE], lamps)
     job = job_of(outline, arrays, **options)

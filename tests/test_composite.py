@@ -10,7 +10,7 @@ import pytest
 from conftest import SAMPLES
 from gpu_scenes import gpu_device
 from strata.addon.bake import Options, bake
-from strata.addon.core.effect import Blend, LayerKind, Metric
+from strata.addon.core.effect import Blend, LayerKind
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.graph import Step
 from strata.addon.core.outline import Light, Outline
@@ -182,8 +182,8 @@ def test_any_later_layer_joins_by_its_kind():
     outline = replace(outline, lights=(one_sun(),))
     recorder = Recorder(outline)
     node = recorder.step(Step("fog", cpu=lambda device: None))
-    recorder.layer(LayerKind("Fog", "V", Metric.RELATIVE_L2, blend=Blend.MULTIPLY), node)
-    recorder.layer(LayerKind("Depth", "Z", Metric.RELATIVE_L2), node)
+    recorder.layer(LayerKind("Fog", "V", blend=Blend.MULTIPLY), node)
+    recorder.layer(LayerKind("Depth", "Z"), node)
     composite.record(recorder, outline)
     joins = recorder.layers[-1].node.params["joins"]
     assert [join[0] for join in joins] == ["light", "multiply"]

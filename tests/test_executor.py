@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from strata.addon.core.arrays import Arrays, Cutout, MeshArrays
-from strata.addon.core.effect import LayerKind, Metric
+from strata.addon.core.effect import LayerKind
 from strata.addon.core.errors import Cancelled
 from strata.addon.core.executor import Executor, drain
 from strata.addon.core.graph import Graph, Node, PlannedLayer, Step
@@ -35,7 +35,7 @@ def depth_graph(outline: Outline, *extra: Node, step: Step | None = None) -> Gra
     surface = Node(SURFACE, "camera", (geometry,), {"view": outline.view, "visible": frozenset({0})})
     pick = step or Step("pick", cpu=lambda device, surface: surface["depth"])
     node = Node(pick, "", (surface, *extra), {})
-    layer = PlannedLayer("Depth", "depth", node, LayerKind("Depth", "Z", Metric.RELATIVE_L2))
+    layer = PlannedLayer("Depth", "depth", node, LayerKind("Depth", "Z"))
     return Graph((layer,), (), surface, frozenset({"depth"}), frozenset({0}))
 
 

@@ -15,8 +15,8 @@ from strata.addon.core.surface import SurfacePoints
 from strata.addon.core.view_rays import ViewRays
 from strata.addon.measure.difficulty import Difficulty
 from strata.addon.measure.image import measure_light, measure_mask
-from strata.addon.measure.probes import Stratum
 from strata.addon.measure.report import LayerError
+from strata.addon.measure.shadow_probes import Stratum
 from strata.addon.measure.visibility import measure_visibility
 
 # What layers hold at their worst: nothing, everything, in between, and no numbers.

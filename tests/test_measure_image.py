@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import measure_images as made
 import numpy as np
 import pytest
 from measure_scenes import random_scene
 from strata.addon import bake as baking
-from strata.addon.core.effect import Effect, LayerKind, Metric
+from strata.addon.core.effect import Effect, LayerKind
 from strata.addon.core.graph import Step
 from strata.addon.core.metrics import maximum, quantile
 from strata.addon.core.params import Params, param
 from strata.addon.effects import registry
 from strata.addon.effects.shared import steps as shared
-from strata.addon.measure.image import _checked
+from strata.addon.measure.image import LightScore, MaskScore, WatchedImage, _checked
+from strata.addon.measure.report import LayerError
 
 LIGHTS = [
     made.slightly_off,
@@ -168,10 +170,10 @@ def _true_stripes(rays, outline, layer, view_rays, seed):
     return lit.astype(np.float64)[None, :, None]
 
 
-def _run(recorder, outline, params):
+def _run(recorder, outline, params, kinds=None):
     visible = frozenset(range(len(outline.instances)))
     surface = shared.surface(recorder, outline, visible, "position", "instance")
-    light, mask = GLOW.layers
+    light, mask = kinds or GLOW.layers
     recorder.layer(light, recorder.step(AIRLIGHT, surface, gain=params.gain, far=FAR))
     recorder.layer(mask, recorder.step(STRIPES, surface, gain=params.gain))
 
@@ -180,8 +182,8 @@ GLOW = Effect(
     id="glow",
     params=GlowParams,
     layers=(
-        LayerKind("Air", "RGB", Metric.RELATIVE_L2, _true_airlight, "closed form"),
-        LayerKind("Stripes", "V", Metric.WRONG_SHARE, _true_stripes, "traced"),
+        LayerKind("Air", "RGB", LightScore(_true_airlight, "closed form")),
+        LayerKind("Stripes", "V", MaskScore(_true_stripes, "traced")),
     ),
     needed=lambda outline: None,
     run=_run,
@@ -190,10 +192,10 @@ GLOW = Effect(
 )
 
 
-def baked(monkeypatch, gain: float, samples: int) -> dict:
+def baked(monkeypatch, gain: float, samples: int, effect: Effect = GLOW) -> dict:
     """Reports by layer of the effect on a random scene, of which a third shows no surface."""
-    monkeypatch.setattr(registry, "EFFECTS", (GLOW,))
-    monkeypatch.setattr(baking, "EFFECTS", (GLOW,))
+    monkeypatch.setattr(registry, "EFFECTS", (effect,))
+    monkeypatch.setattr(baking, "EFFECTS", (effect,))
     outline, arrays = random_scene(0)
     options = baking.Options(
         backend="cpu", samples=samples, probes=512, values={"glow": {"gain": gain}} if gain != 1.0 else {}
@@ -227,3 +229,32 @@ def test_more_samples_make_a_better_mask(monkeypatch):
     one, many = (baked(monkeypatch, 1.0, samples)["Stripes"]["error"] for samples in (1, 32))
     assert many["mean_absolute_error"] < 0.4 * one["mean_absolute_error"]
     assert many["ci95"][1] < one["ci95"][0]
+
+
+class LargestValue:
+    """A score of another kind: how far the largest of the pixels that were drawn is above 1."""
+
+    metric = "largest value"
+
+    def watch(self, layer, outline, attributes):
+        return WatchedImage(layer.name, layer.effect, attributes)
+
+    def measure(self, probed, probes, seed):
+        yield
+        found = np.concatenate([kept.values for kept in probed.kept])[:probes]
+        value = max(float(found.max()) - 1.0, 0.0)
+        return LayerError(self.metric, value, (value, value), 0.0, 0.0, 0.0, len(found), "none", 0.0, 0.0)
+
+    def rms(self, value):
+        return 0.1 * value
+
+    def lowered_by(self, params):
+        return ("gain",)
+
+
+def test_a_layers_kind_may_bring_a_score_of_its_own(monkeypatch):
+    kinds = GLOW.layers[0], replace(GLOW.layers[1], score=LargestValue())
+    layers = baked(monkeypatch, 2.0, 1, replace(GLOW, layers=kinds, run=partial(_run, kinds=kinds)))
+    error = layers["Stripes"]["error"]
+    assert (error["metric"], error["value"], error["reference"]) == ("largest value", 1.0, "none")
+    assert (layers["Stripes"]["verdict"], layers["Stripes"]["lowered_by"]) == ("visible", ["gain"])

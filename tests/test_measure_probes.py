@@ -9,7 +9,8 @@ from strata.addon.core.slices import finished
 from strata.addon.core.surface import Chunk, SurfacePoints
 from strata.addon.devices.cpu import CpuRays
 from strata.addon.measure.difficulty import Difficulty, Ground, classify, near_changes, reach
-from strata.addon.measure.probes import KEPT, ProbeCollector, WatchedShadow, shadow_strata
+from strata.addon.measure.probes import ProbeCollector
+from strata.addon.measure.shadow_probes import KEPT, WatchedShadow, shadow_strata
 
 WIDTH, HEIGHT = 61, 47
 AXES = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)
@@ -49,7 +50,7 @@ def collected(tiles, watched=None, probes=4, seed=3, frame=1, spoil=None):
         layers = {layer.name: values[y0:y1] for layer in watched}
         finished(collector.add(Chunk(WIDTH, HEIGHT, y0, y1, 0, (0.0, 0.0)), tile, layers))
         y0 = y1
-    return shadow_strata(collector, watched[0])
+    return shadow_strata(collector.kept(watched[0].name), watched[0].eye)
 
 
 def codes():

@@ -68,7 +68,7 @@ def test_nothing_is_left_of_a_graph_that_is_done(bake):
 
 
 def test_measuring_is_expected_to_go_on_as_it_began():
-    layer = SimpleNamespace(kind=SimpleNamespace(reference=print))
+    layer = SimpleNamespace(kind=SimpleNamespace(score=print))
     graph = SimpleNamespace(layers=[layer] * 4)
     outline = SimpleNamespace(meshes=[SimpleNamespace(triangles=2_000_000)])
     outlook = MeasuringOutlook(graph, outline, 1000)

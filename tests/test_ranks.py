@@ -75,6 +75,8 @@ def breaches(path: str, source: str) -> list[str]:
     found = []
     for target, is_ours in imports(path, source):
         if is_ours:
+            if path.startswith("addon/measure/") and target.startswith("addon/effects"):
+                found.append(f"{path} imports {target}: it measures any effect's layers")
             if target not in (".", "addon") and rank(target) > rank(path):
                 found.append(f"{path} (rank {rank(path)}) imports {target} (rank {rank(target)})")
         elif target in IMPORTERS and not path.startswith(IMPORTERS[target] or ("/",)):
@@ -94,6 +96,7 @@ def test_imports_go_down(path):
         ("addon/core/graph.py", "def f():\n    from ... import ops"),
         ("addon/effects/registry.py", "from ..bake import Options"),
         ("addon/bake.py", "from .ui import panels"),
+        ("addon/measure/verdict.py", "from ..effects.registry import effect_named"),
         ("addon/core/graph.py", "import bpy"),
         ("addon/bake.py", "import gpu.types"),
         ("addon/scene/scan.py", "from strata_kernels import raster"),

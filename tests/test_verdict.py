@@ -9,7 +9,9 @@ import pytest
 from conftest import SAMPLES
 from strata.addon.bake import Options, bake
 from strata.addon.effects.soft_shadow.params import SoftShadowParams
+from strata.addon.effects.toon.params import ToonParams
 from strata.addon.effects.volumetric_light.params import VolumetricLightParams
+from strata.addon.measure.image import LightScore, MaskScore
 from strata.addon.measure.report import LayerError, LayerReport, Report, format_table
 from strata.addon.measure.verdict import (
     FINE_UP_TO,
@@ -17,17 +19,16 @@ from strata.addon.measure.verdict import (
     Verdict,
     advice,
     between,
-    lowered_by,
     percent,
     verdict,
-    verdict_of,
     worded,
 )
+from strata.addon.measure.visibility import VisibilityScore
 from strata.addon.preview import caption
 from strata.addon.preview.viewport import Statistics
 from strata.addon.scene.open import choose, open_blend
 
-SHADOW, MASK = "weighted rmse", "share of wrong pixels"
+SHADOW, LIGHT, MASK = VisibilityScore(None), LightScore(None), MaskScore(None)
 
 
 def test_invisible_is_less_than_8_bits_lose_in_middle_grey():
@@ -48,14 +49,15 @@ def test_invisible_is_less_than_8_bits_lose_in_middle_grey():
 
 
 def test_a_mask_is_judged_by_what_its_wrong_pixels_are_off_by():
-    assert verdict_of(MASK, 0.001) is Verdict.INVISIBLE  # 0.4% root mean square
-    assert verdict_of(MASK, 0.01) is Verdict.FINE
-    assert verdict_of(MASK, 0.05) is Verdict.VISIBLE
+    assert verdict(MASK.rms(0.001)) is Verdict.INVISIBLE  # 0.4% root mean square
+    assert verdict(MASK.rms(0.01)) is Verdict.FINE
+    assert verdict(MASK.rms(0.05)) is Verdict.VISIBLE
+    assert SHADOW.rms(0.01) == LIGHT.rms(0.01) == 0.01
 
 
 def test_an_interval_that_reaches_further_is_said():
-    assert worded(SHADOW, 0.003, 0.004) == "invisible"
-    assert worded(SHADOW, 0.003, 0.03) == "invisible, perhaps visible"
+    assert worded(0.003, 0.004) == "invisible"
+    assert worded(0.003, 0.03) == "invisible, perhaps visible"
 
 
 def test_nothing_is_ever_said_to_have_no_error():
@@ -64,8 +66,8 @@ def test_nothing_is_ever_said_to_have_no_error():
     ]  # fmt: skip
     assert between(0.0, 5e-4) == "below 0.1%"
     assert between(0.0, 0.02) == "0% to 2.0%"
-    error = LayerError(SHADOW, 0.0, (0.0, 2e-5), 0.0, 0.0, 0.0, 64, "rays", 0.0, 0.1)
-    layer = LayerReport("Shadow", "soft_shadow", "Key", 1.0, 1.0, 0, error)
+    error = LayerError(SHADOW.metric, 0.0, (0.0, 2e-5), 0.0, 0.0, 0.0, 64, "rays", 0.0, 0.1)
+    layer = LayerReport("Shadow", "soft_shadow", "Key", 1.0, 1.0, 0, error, verdict=worded(0.0, 2e-5))
     told = format_table(Report("1", "5", "s", 1, (8, 8), 0, "cpu", "", 1.0, 0.0, 0, (), (layer,), (), ()))
     for noise in (0.0, 1e-5):
         told += " ".join(caption.lines(Statistics(samples=8, of_samples=8, is_converged=True, noise=noise)))
@@ -84,27 +86,29 @@ def test_the_preview_says_noise_and_what_lowers_it_once_it_is_done():
 
 def test_settings_that_change_nothing_are_not_advised():
     bitmask = SoftShadowParams()
-    assert lowered_by(SHADOW, bitmask)[0] == "method=hybrid"
-    assert "rays" not in lowered_by(SHADOW, bitmask)  # bitmask asks none
+    assert SHADOW.lowered_by(bitmask)[0] == "method=hybrid"
+    assert "rays" not in SHADOW.lowered_by(bitmask)  # bitmask asks none
     hybrid = SoftShadowParams.checked("soft_shadow", {"method": "hybrid", "layers": 8, "spacing": 2})
-    found = lowered_by(SHADOW, hybrid)
+    found = SHADOW.lowered_by(hybrid)
     assert found[:3] == ("spacing=1", "rays", "resolution")
     assert {"method=hybrid", "layers"}.isdisjoint(found)  # there are no more than 8
     coarse = VolumetricLightParams.checked("volumetric_light", {"scale": "1/4"})
-    assert lowered_by("relative l2", coarse)[0] == "scale=1"
-    assert lowered_by(MASK, None) == ("samples",)
-    assert lowered_by(SHADOW, None) == ()
+    assert LIGHT.lowered_by(coarse)[0] == "scale=1"
+    assert MASK.lowered_by(None) == ("samples",)
+    assert SHADOW.lowered_by(None) == ()
     assert advice(()) == ""
-    assert advice(["method=hybrid", "resolution"], "soft_shadow") == "lower it with Method Hybrid, Map Size"
-    assert advice(["samples"], "toon") == "lower it with Samples"
+    assert (
+        advice(["method=hybrid", "resolution"], SoftShadowParams) == "lower it with Method Hybrid, Map Size"
+    )
+    assert advice(["samples"], ToonParams) == "lower it with Samples"
 
 
 @pytest.mark.parametrize(
     ("scene", "effect", "metric", "settings"),
     [
-        ("courtyard", "soft_shadow", SHADOW, {}),
-        ("mist", "volumetric_light", "relative l2", {"light_samples": 1, "resolution": 256}),
-        ("comic", "toon", MASK, {"halftone": False}),
+        ("courtyard", "soft_shadow", SHADOW.metric, {}),
+        ("mist", "volumetric_light", LIGHT.metric, {"light_samples": 1, "resolution": 256}),
+        ("comic", "toon", MASK.metric, {"halftone": False}),
     ],
 )
 def test_what_is_advised_first_lowers_the_error(scene, effect, metric, settings):

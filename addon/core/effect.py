@@ -8,15 +8,8 @@ from enum import Enum
 from typing import Any
 
 from .params import Params, in_words
+from .score import Score
 from .shader import Shader
-
-
-class Metric(Enum):
-    """How a layer's error is scored (see docs/accuracy.md)."""
-
-    WEIGHTED_RMSE = "weighted rmse"
-    RELATIVE_L2 = "relative l2"
-    WRONG_SHARE = "share of wrong pixels"
 
 
 class Blend(Enum):
@@ -46,34 +39,14 @@ class LayerKind:
     """The layers an effect makes: one a light (`per_light`) or one. `title` is the pass name's first part,
     `channels` one letter each, "V" or "RGB"; `blend` says how they join the composite.
 
-    `reference` is the slow, independent truth that probes of the layer are scored against (addon/measure),
-    `reference_name` says in words what it is ("ray marched, 2 x 64 steps"). What it is called with depends
-    on the metric:
-
-    - WEIGHTED_RMSE, the visibility of one light: `reference(rays, light, points, samples, seed)`, see
-      effects/soft_shadow/reference.py. Only pixels that show a surface count.
-    - RELATIVE_L2, light or transmittance: `reference(rays, outline, layer, view_rays, seed)` gives what the
-      layer should hold along each of `view_rays` (core/view_rays.py), (estimates, N, channels) float64, all
-      finite: one estimate where it is exact, two independent ones where it is random. Pixels that show no
-      surface count too.
-    - WRONG_SHARE, masks and toon: the same, at points inside the pixels. The caller supersamples: 64 view
-      rays a pixel, drawn from the render's pixel filter, are averaged and compared with the finished image.
-
-    `rays` is a RayCaster (core/device.py), `layer` the PlannedLayer, which knows its light, its casters and
-    its effect's parameters. Calls come in batches of at most a few thousand view rays, each with its own
-    `seed`, and should take some hundredths of a second: in a window they run between redraws.
-
-    `looks`: pixels looked at for each probe that was asked for; more than 1 where the reference is cheap.
+    `score` tells how wrong they are (core/score.py); None: nobody measures them.
     """
 
     title: str
     channels: str
-    metric: Metric
-    reference: Callable | None = None
-    reference_name: str = ""
+    score: Score | None = None
     per_light: bool = False
     blend: Blend = Blend.NONE
-    looks: int = 1
     doc: str = ""
 
 

@@ -35,7 +35,7 @@ class MeasuringOutlook:
     """How long measuring will take. `has_tree`: what rays need has been built."""
 
     def __init__(self, graph: Graph, outline: Outline, probes: int | None):
-        self._layers = sum(layer.kind.reference is not None for layer in graph.layers)
+        self._layers = sum(layer.kind.score is not None for layer in graph.layers)
         self._probes = probes
         self._tree = TRIANGLE_SECONDS * sum(mesh.triangles for mesh in outline.meshes)
         self._done, self._taken, self._current = 0, 0.0, 0.0

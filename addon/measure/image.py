@@ -10,17 +10,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from ..core.effect import Metric
+from ..core.graph import PlannedLayer
 from ..core.metrics import WRONG, maximum, quantile
+from ..core.outline import Outline
+from ..core.params import Params
 from ..core.random import hash_bits
-from ..core.view_rays import ViewRays
+from ..core.sampling import footprints
+from ..core.view_rays import ViewRays, view_rays
 from .difficulty import KIND_BITS, Difficulty, largest_nearby, near_jumps
 from .estimate import Compared, sampled_part
 from .interval import joined, limits
-from .probes import Band, Kept, finite
+from .probes import Band, Kept, Probed, finite
 from .report import LayerError
 from .survey import allot, shared_looks
 
@@ -46,7 +50,7 @@ Measuring = Generator[None, None, LayerError]
 
 @dataclass(frozen=True)
 class WatchedImage:
-    """A layer of light, or a mask, of the whole image. `looks`: see LayerKind."""
+    """A layer of light, or a mask, of the whole image. `looks`: pixels for each probe that is asked for."""
 
     name: str
     effect: str
@@ -69,6 +73,98 @@ class WatchedImage:
 
     def kept(self, difficulty: Difficulty) -> int:
         return self.looks
+
+
+@dataclass(frozen=True)
+class _ImageScore:
+    """`reference(rays, outline, layer, view_rays, seed)` is the slow, independent truth: what the layer
+    should hold along each of `view_rays` (core/view_rays.py), (estimates, N, channels) float64, all finite;
+    one estimate where it is exact, two independent ones where it is random. Pixels of no surface count too.
+    `reference_name` says in words what it is ("ray marched, 2 x 64 steps").
+
+    `rays` is a RayCaster (core/device.py); the layer knows its light, its casters and its effect's
+    parameters. Calls come in batches of at most a few thousand view rays, each with its own `seed`, and
+    should take some hundredths of a second: in a window they run between redraws.
+
+    `looks`: pixels looked at for each probe that was asked for; more than 1 where the reference is cheap.
+    """
+
+    reference: Callable
+    reference_name: str = ""
+    looks: int = 1
+
+    def watch(self, layer: PlannedLayer, outline: Outline, attributes: tuple[str, ...]) -> WatchedImage:
+        return WatchedImage(layer.name, layer.effect, attributes, self.looks)
+
+    def _along(self, probed: Probed) -> Callable[[ViewRays, int], np.ndarray]:
+        def along(seen: ViewRays, seed: int) -> np.ndarray:
+            return self.reference(probed.rays, probed.outline, probed.layer, seen, seed)
+
+        return along
+
+
+@dataclass(frozen=True)
+class LightScore(_ImageScore):
+    """Of light or a transmittance: the L2 norm of the error over the truth's mean, at the points of the first
+    sample."""
+
+    metric: ClassVar[str] = "relative l2"
+
+    def measure(self, probed: Probed, probes: int, seed: int) -> Measuring:
+        along, outline = self._along(probed), probed.outline
+        width, height = outline.computed_size
+
+        def at_pixels(kept: Kept, seed: int) -> np.ndarray:
+            pixels = np.stack([kept.pixels % width, kept.pixels // width], axis=1).astype(np.int32)
+            seen = view_rays(outline.view, (width, height), pixels, probed.jitter, kept.surface)
+            return along(seen, seed)
+
+        return measure_light(
+            probed.kept,
+            probed.total,
+            width * height,
+            probes * self.looks,
+            at_pixels,
+            self.reference_name,
+            seed,
+        )
+
+    def rms(self, value: float) -> float:
+        return value
+
+    def lowered_by(self, params: Params | None) -> tuple[str, ...]:
+        return params.finer() if params is not None else ()
+
+
+@dataclass(frozen=True)
+class MaskScore(_ImageScore):
+    """Of masks and toon: the share of wrong pixels. `reference` is asked at points inside the pixels: 64 view
+    rays a pixel, drawn from the render's pixel filter, are averaged and compared with the finished image."""
+
+    metric: ClassVar[str] = "share of wrong pixels"
+
+    def measure(self, probed: Probed, probes: int, seed: int) -> Measuring:
+        def scattered(pixels: int, samples: int, seed: int) -> np.ndarray:
+            return footprints(probed.outline.pixel_filter, pixels, samples, seed)
+
+        return measure_mask(
+            probed.kept,
+            probed.image,
+            probes * self.looks,
+            self._along(probed),
+            probed.rays.look,
+            scattered,
+            self.reference_name,
+            seed,
+        )
+
+    def rms(self, value: float) -> float:
+        """As if each wrong pixel were off by just what makes it wrong."""
+        return math.sqrt(value) * WRONG
+
+    def lowered_by(self, params: Params | None) -> tuple[str, ...]:
+        """The finished image is scored, so samples count; other layers' points are those of one sample."""
+        return ("samples",)
 
 
 def measure_light(
@@ -122,7 +218,7 @@ def measure_light(
     off = errors > SLIGHT * np.maximum(truths, NEARLY_BLACK * scale)
     ones = np.ones_like(errors)
     return LayerError(
-        metric=Metric.RELATIVE_L2.value,
+        metric=LightScore.metric,
         value=value,
         ci95=(max(value - math.hypot(value - low, spread), 0.0), value + math.hypot(high - value, spread)),
         bias=bias / scale,
@@ -142,13 +238,13 @@ def measure_mask(
     probes: int,
     reference: Callable[[ViewRays, int], np.ndarray],
     look: Look,
-    footprints: Callable[[int, int, int], np.ndarray],
+    scattered: Callable[[int, int, int], np.ndarray],
     reference_name: str,
     seed: int,
 ) -> Measuring:
     """Share of the wrong pixels of a finished `image` (height, width[, channels]), from ProbeCollector.kept.
 
-    `reference(view_rays, seed)`: (1 or 2, N, channels), of which the mean counts; `footprints(pixels,
+    `reference(view_rays, seed)`: (1 or 2, N, channels), of which the mean counts; `scattered(pixels,
     samples, seed)`: offsets as core/sampling.footprints.
     """
     pixels = image.shape[0] * image.shape[1]
@@ -168,7 +264,7 @@ def measure_mask(
             places = np.stack([chosen % image.shape[1], chosen // image.shape[1]], axis=1)
             coverage = []
             for half in range(2):
-                jitter = footprints(len(chosen), SUPERSAMPLES // 2, int(hash_bits(own, half)))
+                jitter = scattered(len(chosen), SUPERSAMPLES // 2, int(hash_bits(own, half)))
                 seen = look(np.repeat(places, SUPERSAMPLES // 2, axis=0), jitter.reshape(-1, 2))
                 estimates = _checked(
                     reference(seen, int(hash_bits(own, 2 + half))), (len(seen), flat.shape[1])
@@ -187,7 +283,7 @@ def measure_mask(
     means = np.concatenate([np.zeros(0), *(np.abs(each.errors).mean(axis=1) for each in compared)])
     bias = math.fsum(each.population * float(each.errors.mean()) for each in compared)
     return LayerError(
-        metric=Metric.WRONG_SHARE.value,
+        metric=MaskScore.metric,
         value=part.total / max(pixels, 1),
         ci95=(low, high),
         bias=bias / max(pixels, 1),

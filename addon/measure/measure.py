@@ -4,31 +4,26 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Generator, Iterable
+from collections.abc import Generator
 from dataclasses import replace
 
 import numpy as np
 
-from ..core.device import RayCaster, ShadowLight
-from ..core.effect import Metric
+from ..core.device import RayCaster
 from ..core.errors import Cancelled, one_line
 from ..core.graph import Graph, PlannedLayer
 from ..core.outline import Outline
 from ..core.random import hash_bits, text_bits
-from ..core.sampling import footprints
 from ..core.slices import timed
 from ..core.surface import Chunk
-from ..core.view_rays import view_rays
 from .budget import DEFAULT_PROBES, within
-from .image import WatchedImage, measure_light, measure_mask
-from .probes import Kept, ProbeCollector, Stratum, WatchedShadow, shadow_strata
+from .probes import ProbeCollector, Probed
 from .report import LayerError, NotMeasured
-from .visibility import measure_visibility
 
 
 class Measurement:
     """Collects probes while a graph runs (core/executor.py, Collector), then measures layer by layer those
-    that have a reference.
+    that have a score.
 
     `probes`: how many pixels of a layer get the slow reference, None for as many as there is time for;
     `cancelled`: what devices raise when they are
@@ -51,7 +46,9 @@ class Measurement:
         self._lost: dict[str, NotMeasured] = {}  # by layer, why there are no probes
         attributes = tuple(sorted(graph.surface_attributes))
         self._watched = {
-            layer.name: _watched(layer, outline, attributes) for layer in graph.layers if layer.kind.reference
+            layer.name: layer.kind.score.watch(layer, outline, attributes)
+            for layer in graph.layers
+            if layer.kind.score
         }
         self._collectors: dict[str, ProbeCollector] = {}  # by layer; layers made together share one
         self._jitter = (0.0, 0.0)  # of the first sample
@@ -107,11 +104,14 @@ class Measurement:
             return self._lost[layer.name]
 
         started = time.perf_counter()
-        strata = self._strata(layer)  # once for all runs
+        collector = self._collectors[layer.name]
+        kept, total = tuple(collector.kept(layer.name)), collector.totals[layer.name]
+        probed = Probed(layer, self._outline, kept, total, image, self._jitter, rays, casters)
+        seed = int(hash_bits(self.seed, text_bits(layer.name)))
         choosing_seconds = self._collecting_seconds[layer.name] + time.perf_counter() - started
 
         def measuring(probes: int):
-            return self._measuring(layer, strata, rays, casters, image, probes)
+            return layer.kind.score.measure(probed, probes, seed)
 
         if not self.has_budget:
             error, seconds = yield from timed(measuring(self.probes))
@@ -124,64 +124,3 @@ class Measurement:
         """Frees the probes of a layer that has been measured."""
         if collector := self._collectors.pop(layer.name, None):
             collector.forget(layer.name)
-
-    def _strata(self, layer: PlannedLayer) -> tuple[Stratum, ...] | tuple[Kept, ...]:
-        """A shadow's Stratum, another layer's Kept."""
-        collector = self._collectors[layer.name]
-        if layer.kind.metric == Metric.WEIGHTED_RMSE:
-            return shadow_strata(collector, self._watched[layer.name])
-        return tuple(collector.kept(layer.name))
-
-    def _measuring(
-        self, layer, strata, rays, casters, image, probes: int
-    ) -> Generator[None, None, LayerError]:
-        kind, seed = layer.kind, int(hash_bits(self.seed, text_bits(layer.name)))
-        if kind.metric == Metric.WEIGHTED_RMSE:
-            return self._measuring_shadow(layer, strata, rays, casters, probes, seed)
-        outline, size = self._outline, self._outline.computed_size
-
-        def along(seen, seed):
-            return kind.reference(rays, outline, layer, seen, seed)
-
-        def at_pixels(kept, seed):
-            pixels = np.stack([kept.pixels % size[0], kept.pixels // size[0]], axis=1).astype(np.int32)
-            return along(view_rays(outline.view, size, pixels, self._jitter, kept.surface), seed)
-
-        if kind.metric == Metric.RELATIVE_L2:
-            total = self._collectors[layer.name].totals[layer.name]
-            return measure_light(
-                strata, total, size[0] * size[1], probes * kind.looks, at_pixels, kind.reference_name, seed
-            )
-
-        def scattered(pixels, samples, seed):
-            return footprints(outline.pixel_filter, pixels, samples, seed)
-
-        return measure_mask(
-            strata, image, probes * kind.looks, along, rays.look, scattered, kind.reference_name, seed
-        )
-
-    def _measuring_shadow(
-        self, layer, strata, rays, casters, probes: int, seed
-    ) -> Generator[None, None, LayerError]:
-        watched = self._watched[layer.name]
-
-        def weigh(points):
-            return rays.irradiance(watched.emitter, points)
-
-        def screen(points, seed):
-            return rays.screen(casters, watched.emitter, points, seed)
-
-        def reference(points, samples, seed):
-            light = ShadowLight(watched.emitter, casters)
-            return layer.kind.reference(rays, light, points, samples, seed)
-
-        return measure_visibility(strata, probes, weigh, screen, reference, seed)
-
-
-def _watched(
-    layer: PlannedLayer, outline: Outline, attributes: Iterable[str]
-) -> WatchedShadow | WatchedImage:
-    if layer.kind.metric != Metric.WEIGHTED_RMSE:
-        return WatchedImage(layer.name, layer.effect, tuple(attributes), layer.kind.looks)
-    light = outline.lights[layer.light_index]
-    return WatchedShadow(layer.name, layer.effect, light.emitter, np.array(outline.view.eye), light.receivers)

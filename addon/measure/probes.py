@@ -14,22 +14,15 @@ from typing import Protocol
 
 import numpy as np
 
-from ..core.emitter import Emitter
+from ..core.device import RayCaster
+from ..core.graph import PlannedLayer
+from ..core.outline import Outline
 from ..core.random import hash_bits, text_bits
-from ..core.surface import Chunk, SurfacePoints
-from .difficulty import CODES, KIND_BITS, MARGIN, Difficulty, Ground, classify, silhouettes
+from ..core.surface import Chunk
+from .difficulty import CODES, KIND_BITS, MARGIN, Difficulty, Ground, silhouettes
 
-POINT_ATTRIBUTES = ("position", "geometric_normal", "shading_normal")
 ALL = np.uint32(0xFFFFFFFF)
 BAND_PIXELS = 1 << 15
-
-# Pixels of one stratum of a shadow that are kept for each probe asked for.
-KEPT = {
-    Difficulty.PENUMBRA: 12,
-    Difficulty.EDGE: 16,
-    Difficulty.TERMINATOR: 16,
-    Difficulty.REST: 64,
-}
 
 
 class Band:
@@ -68,32 +61,6 @@ class Watched(Protocol):
 
 
 @dataclass(frozen=True)
-class WatchedShadow:
-    """A visibility layer of one light. `eye` (3,) float64: what surfaces are relative to; `receivers`:
-    instances that the light lights, None for all."""
-
-    name: str
-    effect: str
-    emitter: Emitter
-    eye: np.ndarray
-    receivers: frozenset[int] | None = None
-
-    @property
-    def attributes(self) -> tuple[str, ...]:
-        return POINT_ATTRIBUTES
-
-    def codes(self, band: Band, values: np.ndarray) -> np.ndarray:
-        codes = classify(band.ground, values, self.emitter, self.eye)
-        if self.receivers is not None:
-            lit = np.isin(band.surface["instance"].reshape(-1), sorted(self.receivers))
-            codes[~lit] = Difficulty.DARK
-        return codes
-
-    def kept(self, difficulty: Difficulty) -> int:
-        return KEPT[difficulty]
-
-
-@dataclass(frozen=True)
 class Kept:
     """A random choice of the `population` pixels of one stratum. `pixels` (N,) uint32, row * width + column,
     ascending, so that rays of neighbours run together; their random `priorities` (N,) uint32; the layer's
@@ -112,38 +79,19 @@ class Kept:
 
 
 @dataclass(frozen=True)
-class Stratum:
-    """A shadow's `Kept` pixels of one difficulty that get about as much light."""
+class Probed:
+    """What a Score makes a figure of. `kept` of the layer, by stratum; `total`: the sum of its values over
+    all pixels and channels; `image` (height, width[, channels]): the finished layer; `jitter` of the first
+    sample, which `kept` is of, in pixels; `casters` (instances,) uint8: what can block its light."""
 
-    difficulty: Difficulty
-    population: int
-    pixels: np.ndarray
-    priorities: np.ndarray
-    values: np.ndarray
-    points: SurfacePoints
-
-    def smallest(self, count: int) -> np.ndarray:
-        """Ascending index of the `count` pixels of smallest priority, or of all."""
-        if count >= len(self.pixels):
-            return np.arange(len(self.pixels))
-        return np.sort(np.argpartition(self.priorities, count)[:count])
-
-    def at(self, index: np.ndarray) -> Stratum:
-        """The same with the pixels `index` only."""
-        columns = (column[index] for column in (self.pixels, self.priorities, self.values))
-        return Stratum(self.difficulty, self.population, *columns, take(self.points, index))
-
-
-def take(points: SurfacePoints, index) -> SurfacePoints:
-    return SurfacePoints(
-        points.position[index], points.geometric_normal[index], points.shading_normal[index], points.eye
-    )
-
-
-def together(points: list[SurfacePoints]) -> SurfacePoints:
-    """One after the other; they share an eye."""
-    columns = (np.concatenate([getattr(each, name) for each in points]) for name in POINT_ATTRIBUTES)
-    return SurfacePoints(*columns, points[0].eye)
+    layer: PlannedLayer
+    outline: Outline
+    kept: tuple[Kept, ...]
+    total: float
+    image: np.ndarray
+    jitter: tuple[float, float]
+    rays: RayCaster
+    casters: np.ndarray
 
 
 class _Smallest:
@@ -294,21 +242,6 @@ class ProbeCollector:
             priorities, pixels, values, *surface = (column[order] for column in smallest.columns)
             surface = dict(zip(attributes, surface, strict=True))
             yield Kept(code, smallest.population, pixels, priorities, finite(values), surface)
-
-
-def shadow_strata(collector: ProbeCollector, watched: WatchedShadow) -> tuple[Stratum, ...]:
-    """What was kept of a shadow."""
-    return tuple(
-        Stratum(
-            kept.difficulty,
-            kept.population,
-            kept.pixels,
-            kept.priorities,
-            kept.values,
-            SurfacePoints(*(kept.surface[name] for name in POINT_ATTRIBUTES), watched.eye),
-        )
-        for kept in collector.kept(watched.name)
-    )
 
 
 def _flat(image: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from ..core.outline import Outline
 from ..core.sequence import SequenceLayer
 from ..core.version import VERSION
 from .table import columns, heading, wrapped
-from .verdict import Verdict, advice, between, lowered_by, percent, worded
+from .verdict import Verdict, advice, between, percent, worded
 
 SIGNIFICANT_DIGITS = 6
 STEPS_SHOWN = 10
@@ -67,11 +67,6 @@ class LayerError:
         return {key: item for key, item in plain.items() if item is not None}
 
 
-def words_of(error: LayerError) -> str:
-    """How much of it is to be seen (verdict.py): `fine`, or `fine, perhaps visible`."""
-    return worded(error.metric, error.value, error.ci95[1])
-
-
 @dataclass(frozen=True)
 class NotMeasured:
     """In place of a layer's error: `why` measuring it failed, one line. The layer itself is whole."""
@@ -96,8 +91,9 @@ def error_of(entry: Mapping[str, Any] | None) -> LayerError | NotMeasured | None
 class LayerReport:
     """One layer. `seconds` are its own steps', `seconds_alone` what baking only it would have cost;
     `antialiasing`: RMS standard error of its pixels (core/metrics.py), None for one sample a pixel;
-    `neutral`: the frame does not need it, but others of the sequence do; `lowered_by`: settings that lower a
-    measured error, where it may be seen (verdict.py)."""
+    `neutral`: the frame does not need it, but others of the sequence do; `verdict`: how much of a measured
+    error is to be seen (verdict.py), empty for others; `lowered_by`: settings that lower it, where it may be
+    seen, and `advice` the same for a person."""
 
     name: str
     effect: str
@@ -108,12 +104,9 @@ class LayerReport:
     error: LayerError | NotMeasured | None
     antialiasing: float | None = None
     neutral: bool = False
+    verdict: str = ""
     lowered_by: tuple[str, ...] = ()
-
-    @property
-    def verdict(self) -> str:
-        """Of a measured error, in words; empty for others."""
-        return words_of(self.error) if isinstance(self.error, LayerError) else ""
+    advice: str = ""
 
     def to_json(self) -> dict[str, Any]:
         plain = {key: rounded(item) if isinstance(item, float) else item for key, item in vars(self).items()}
@@ -125,7 +118,7 @@ class LayerReport:
             del plain["antialiasing"]
         if not self.neutral:
             del plain["neutral"]
-        del plain["lowered_by"]
+        del plain["verdict"], plain["lowered_by"], plain["advice"]
         if self.verdict:
             plain |= {"verdict": self.verdict, "lowered_by": list(self.lowered_by)}
         return plain
@@ -207,7 +200,7 @@ def report_of(
             _non_finite(images[layer.name]),
             errors.get(layer.name),
             (antialiasing or {}).get(layer.name),
-            lowered_by=_lowered_by(layer, errors.get(layer.name), outline),
+            **_judged(layer, errors.get(layer.name), outline),
         )
         for layer in graph.layers
         if layer.effect
@@ -236,16 +229,19 @@ def report_of(
     )
 
 
-def _lowered_by(
-    layer: PlannedLayer, error: LayerError | NotMeasured | None, outline: Outline
-) -> tuple[str, ...]:
-    """Nothing where there is nothing to be seen."""
-    if not isinstance(error, LayerError) or words_of(error) == Verdict.INVISIBLE.value:
-        return ()
-    params = layer.params
+def _judged(layer: PlannedLayer, error: LayerError | NotMeasured | None, outline: Outline) -> dict[str, Any]:
+    """What LayerReport says of an error: the verdict, and what lowers it if anything is to be seen."""
+    if not isinstance(error, LayerError):
+        return {}
+    score, params = layer.kind.score, layer.params
+    words = worded(score.rms(error.value), score.rms(error.ci95[1]))
+    if words == Verdict.INVISIBLE.value:
+        return {"verdict": words}
     if params is not None and layer.light_index is not None:
         params = outline.lights[layer.light_index].params_for(layer.effect, params)
-    return lowered_by(error.metric, params)
+    settings = score.lowered_by(params)
+    told = advice(settings, type(params) if params is not None else None)
+    return {"verdict": words, "lowered_by": settings, "advice": told}
 
 
 def _non_finite(image: np.ndarray) -> int:
@@ -322,8 +318,7 @@ def _layer_rows(report: Report) -> list[list[str]]:
 def _notes(layer: LayerReport) -> list[str]:
     if isinstance(layer.error, NotMeasured):
         return wrapped(layer.error.why, f"  {layer.name} is not measured: ")
-    lower = advice(layer.lowered_by, layer.effect)
-    return wrapped(lower, f"  {layer.name}: ") if lower else []
+    return wrapped(layer.advice, f"  {layer.name}: ") if layer.advice else []
 
 
 def _step_rows(report: Report) -> list[list[str]]:

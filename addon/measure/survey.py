@@ -16,7 +16,7 @@ from ..core.random import hash_bits
 from ..core.surface import SurfacePoints
 from .estimate import Group, Measured, binary_part, grouped_part
 from .interval import Part
-from .probes import Stratum, take
+from .shadow_probes import Stratum, take
 
 RAYS_AT_ONCE = 1 << 15
 """Between two yields: some hundredths of a second."""

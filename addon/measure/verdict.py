@@ -8,14 +8,10 @@ file that anybody looks at. An eye tells two patches from each other that differ
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from enum import Enum
 
-from ..core.effect import Metric
-from ..core.metrics import WRONG
 from ..core.params import Params, ParamSpec, in_words
-from ..effects.registry import effect_named
 
 INVISIBLE_UP_TO = 0.005
 FINE_UP_TO = 0.02
@@ -38,33 +34,18 @@ def verdict(rms: float) -> Verdict:
     return Verdict.FINE if rms <= FINE_UP_TO else Verdict.VISIBLE
 
 
-def verdict_of(metric: str, value: float) -> Verdict:
-    """Of a layer's error. A share of wrong pixels is as much as if each were off by just what makes it
-    wrong."""
-    return verdict(math.sqrt(value) * WRONG if metric == Metric.WRONG_SHARE.value else value)
-
-
-def worded(metric: str, value: float, high: float) -> str:
+def worded(rms: float, high: float) -> str:
     """`fine`; `fine, perhaps visible` where the interval reaches up to `high`."""
-    found, worst = verdict_of(metric, value), verdict_of(metric, high)
+    found, worst = verdict(rms), verdict(high)
     return found.value if worst == found else f"{found.value}, perhaps {worst.value}"
 
 
-def lowered_by(metric: str, params: Params | None) -> tuple[str, ...]:
-    """Settings that lower a layer's error, most useful first, as `--set` and `--samples` know them: a name,
-    or `name=value` for a choice. A mask is scored as the finished image, so samples count there; all others
-    at the points of one sample."""
-    if metric == Metric.WRONG_SHARE.value:
-        return ("samples",)
-    return params.finer() if params is not None else ()
-
-
-def advice(settings: Sequence[str], effect_id: str = "") -> str:
+def advice(settings: Sequence[str], params: type[Params] | None = None) -> str:
     """`lower it with Method Hybrid, Map Size`, as panels call the settings of an effect; empty where nothing
     does."""
     if not settings:
         return ""
-    specs = {spec.name: spec for spec in effect_named(effect_id).params.specs()} if effect_id else {}
+    specs = {spec.name: spec for spec in params.specs()} if params else {}
     return f"lower it with {', '.join(_called(name, specs) for name in settings[:MOST_SETTINGS])}"
 
 

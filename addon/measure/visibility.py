@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from ..core.effect import Metric
+from ..core.device import ShadowLight
+from ..core.graph import PlannedLayer
 from ..core.metrics import maximum, quantile
+from ..core.outline import Outline
+from ..core.params import Params
 from ..core.random import hash_bits
 from .difficulty import Difficulty
 from .estimate import Measured
 from .interval import joined, limits
-from .probes import KEPT, Stratum, finite, take, together
+from .probes import Probed, finite
 from .report import LayerError
+from .shadow_probes import KEPT, Stratum, WatchedShadow, shadow_strata, take, together
 from .survey import (
     BinarySurvey,
     PenumbraSurvey,
@@ -34,6 +40,46 @@ MOST_REPEATS = 16  # looks at one pixel, where few pixels get most of the light
 LOOKS_PER_PIXEL = 4  # on average, for small images
 LIKELY = {Difficulty.EDGE: 4.0, Difficulty.TERMINATOR: 4.0}
 """Strata with more errors than others are looked at more."""
+
+
+@dataclass(frozen=True)
+class VisibilityScore:
+    """Of one light's visibility: RMSE weighted by the light that would arrive. Only pixels that show a
+    surface count.
+
+    `reference(rays, light, points, samples, seed)`: two independent estimates (N, 2) float64 by `samples`
+    rays each, and weights (N,) float64 (effects/soft_shadow/reference.py). It is called for as many points
+    as take some hundredths of a second.
+    """
+
+    reference: Callable
+    metric: ClassVar[str] = "weighted rmse"
+
+    def watch(self, layer: PlannedLayer, outline: Outline, attributes: tuple[str, ...]) -> WatchedShadow:
+        light, eye = outline.lights[layer.light_index], np.array(outline.view.eye)
+        return WatchedShadow(layer.name, layer.effect, light.emitter, eye, light.receivers)
+
+    def measure(self, probed: Probed, probes: int, seed: int) -> Generator[None, None, LayerError]:
+        rays, casters = probed.rays, probed.casters
+        emitter = probed.outline.lights[probed.layer.light_index].emitter
+
+        def weigh(points):
+            return rays.irradiance(emitter, points)
+
+        def screen(points, seed):
+            return rays.screen(casters, emitter, points, seed)
+
+        def reference(points, samples, seed):
+            return self.reference(rays, ShadowLight(emitter, casters), points, samples, seed)
+
+        strata = shadow_strata(probed.kept, np.array(probed.outline.view.eye))
+        return measure_visibility(strata, probes, weigh, screen, reference, seed)
+
+    def rms(self, value: float) -> float:
+        return value
+
+    def lowered_by(self, params: Params | None) -> tuple[str, ...]:
+        return params.finer() if params is not None else ()
 
 
 def measure_visibility(
@@ -62,7 +108,7 @@ def measure_visibility(
     )
     traced = [measured for each in found for measured in each]
     return LayerError(
-        metric=Metric.WEIGHTED_RMSE.value,
+        metric=VisibilityScore.metric,
         value=value,
         ci95=(low, high),
         bias=_ratio(math.fsum(each.bias for each in estimates), weight),

@@ -15,7 +15,7 @@ from ..effects.registry import EFFECTS
 from ..layers.compositor import can_take_away
 from ..layers.exr_params import ExrParams
 from ..layers.fitting import rendering, unfit_file, unfit_render
-from ..measure.report import LayerError, NotMeasured, error_of, words_of
+from ..measure.report import LayerError, NotMeasured, error_of
 from ..measure.verdict import advice, between, percent
 from . import boxes, plot
 from .output import output_of, told_output, waits_for_saving
@@ -279,7 +279,7 @@ def show_buttons(layout: bpy.types.UILayout, context) -> None:
 
 def _advice(layout: bpy.types.UILayout, context, effect: Effect, made: list[dict]) -> None:
     """What lowers errors that are to be seen, once for all layers that have the same settings."""
-    for lower in dict.fromkeys(advice(layer.get("lowered_by", ()), effect.id) for layer in made):
+    for lower in dict.fromkeys(advice(layer.get("lowered_by", ()), effect.params) for layer in made):
         if lower:
             text(layout, context, sentence(lower), "INFO")
 
@@ -326,7 +326,7 @@ def _layer_result(layout: bpy.types.UILayout, context, layer: dict, numbers: dic
     elif error:
         column = layout.column()
         column.active = False
-        text(column, context, f"{words_of(error)} (95% sure: {between(*error.ci95)})", "BLANK1")
+        text(column, context, f"{layer['verdict']} (95% sure: {between(*error.ci95)})", "BLANK1")
 
 
 def _result_row(layout, error: str, seconds: str, is_active: bool = True) -> bpy.types.UILayout:

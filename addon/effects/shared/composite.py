@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...core.culling import around, boxes_of, receivers_in_view
-from ...core.effect import Blend, LayerKind, Metric
+from ...core.effect import Blend, LayerKind
 from ...core.graph import Node
 from ...core.outline import Outline
 from ...core.recorder import Recorder
@@ -13,7 +13,6 @@ from .steps import surface
 KIND = LayerKind(
     title="Composite",
     channels="RGBA",
-    metric=Metric.RELATIVE_L2,
     doc="Diffuse light of all lamps with all layers joined; alpha is coverage, colour is premultiplied",
 )
 

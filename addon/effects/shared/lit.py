@@ -7,14 +7,14 @@ from collections.abc import Collection
 import numpy as np
 
 from ...core.culling import unlit_reason
-from ...core.effect import Blend, LayerKind, Metric
+from ...core.effect import Blend, LayerKind
 from ...core.graph import Node, Step, Sum
 from ...core.outline import Light, Outline, emitter_measure
 from ...core.recorder import Recorder
 from . import gpu_lit
 from .membership import belong
 
-LIT = LayerKind(title="Lit", channels="RGBA", metric=Metric.RELATIVE_L2, per_light=True)
+LIT = LayerKind(title="Lit", channels="RGBA", per_light=True)
 
 
 def _material_colour(device, surface, colours, images, version):

@@ -1,6 +1,7 @@
 """Soft shadows from layered shadow maps; see README.md in this folder."""
 
-from ...core.effect import Blend, Effect, LayerKind, Metric
+from ...core.effect import Blend, Effect, LayerKind
+from ...measure.visibility import VisibilityScore
 from .gpu_steps import variants
 from .params import Method, SoftShadowParams
 from .reference import evaluate
@@ -13,8 +14,7 @@ EFFECT = Effect(
         LayerKind(
             title="Soft Shadow",
             channels="V",
-            metric=Metric.WEIGHTED_RMSE,
-            reference=evaluate,
+            score=VisibilityScore(evaluate),
             per_light=True,
             blend=Blend.SCALE_LIGHT,
             doc="Share of the light's irradiance that arrives: 1 is lit, 0 is in full shadow",

@@ -2,7 +2,8 @@
 
 import math
 
-from ...core.effect import Blend, Effect, LayerKind, Metric
+from ...core.effect import Blend, Effect, LayerKind
+from ...measure.image import MaskScore
 from .gpu_steps import variants
 from .params import ToonObjectParams, ToonParams
 from .reference import halftone, outline_ink, toon
@@ -10,28 +11,22 @@ from .run import needed, ruled_out, run
 
 TOON = LayerKind(
     title="Toon",
-    reference=toon,
-    reference_name="every light by itself",
+    score=MaskScore(toon, "every light by itself"),
     channels="RGBA",
-    metric=Metric.WRONG_SHARE,
     blend=Blend.OVER,
     doc="Surfaces in the colours of the ramp, opaque where there is a surface",
 )
 HALFTONE = LayerKind(
     title="Toon Halftone",
-    reference=halftone,
-    reference_name="dots without filter",
+    score=MaskScore(halftone, "dots without filter"),
     channels="V",
-    metric=Metric.WRONG_SHARE,
     blend=Blend.MULTIPLY,
     doc="Dots that grow with the shade: 1 is paper, 0 is ink",
 )
 OUTLINE = LayerKind(
     title="Toon Outline",
-    reference=outline_ink,
-    reference_name="the hull's triangles by rays",
+    score=MaskScore(outline_ink, "the hull's triangles by rays"),
     channels="RGBA",
-    metric=Metric.WRONG_SHARE,
     blend=Blend.OVER,
     doc="Lines around objects and, where asked for, within them",
 )

@@ -1,6 +1,7 @@
 """Light scattered by a homogeneous medium, with the shadows in it; see README.md in this folder."""
 
-from ...core.effect import Blend, Effect, LayerKind, Metric
+from ...core.effect import Blend, Effect, LayerKind
+from ...measure.image import LightScore
 from .gpu_steps import variants
 from .params import VolumetricLightParams
 from .reference import scattered, transmitted
@@ -13,9 +14,7 @@ EFFECT = Effect(
         LayerKind(
             title="Volumetric",
             channels="RGB",
-            metric=Metric.RELATIVE_L2,
-            reference=scattered,
-            reference_name="ray marched, 2 x 512 shadow rays",
+            score=LightScore(scattered, "ray marched, 2 x 512 shadow rays"),
             per_light=True,
             blend=Blend.ADD,
             doc="Radiance that the medium scatters once from the light towards the eye, W/(m² sr)",
@@ -23,9 +22,7 @@ EFFECT = Effect(
         LayerKind(
             title="Transmittance",
             channels="RGB",
-            metric=Metric.RELATIVE_L2,
-            reference=transmitted,
-            reference_name="exact",
+            score=LightScore(transmitted, "exact"),
             blend=Blend.MULTIPLY,
             doc="Share of a surface's light that the medium lets through to the eye",
         ),
