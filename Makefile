@@ -27,7 +27,7 @@ $(VENV)/.kernels: $(VENV)/.packages pyproject.toml kernels/Cargo.toml kernels/Ca
 	@touch $@
 
 demo: setup
-	$(PYTHON) scripts/demo.py
+	$(PYTHON) -m strata.scripts.demo
 
 test: setup
 	$(PYTHON) -m pytest
@@ -35,7 +35,7 @@ test: setup
 # In a Blender window under Xvfb: make test-interface BLENDER=/path/to/blender; photographs in out/interface.
 test-interface: setup
 	@test -x "$(BLENDER)" || { echo "Name a Blender 5.2: make test-interface BLENDER=/path/to/blender" >&2; exit 2; }
-	BLENDER="$(BLENDER)" $(PYTHON) -m pytest tests/test_interface.py tests/test_story.py
+	BLENDER="$(BLENDER)" $(PYTHON) -m pytest tests/window/test_interface.py tests/window/test_story.py
 
 # Both formatters and linters; nothing is changed.
 lint: setup
@@ -45,16 +45,16 @@ lint: setup
 	cd kernels && PYO3_PYTHON=$(abspath $(PYTHON)) cargo clippy --locked --all-targets --quiet -- -D warnings
 
 bench: setup
-	$(PYTHON) scripts/bench.py
+	$(PYTHON) -m strata.scripts.bench.performance
 
 # docs/effects and the presets, from what the effects declare.
 docs: setup
-	$(PYTHON) scripts/effect_docs.py
-	$(PYTHON) scripts/effect_presets.py
+	$(PYTHON) -m strata.scripts.build.effect_docs
+	$(PYTHON) -m strata.scripts.build.effect_presets
 
 # dist/strata-<version>-linux_x64.zip, to install from a file in Blender's preferences.
 extension: setup
-	$(PYTHON) scripts/build_extension.py
+	$(PYTHON) -m strata.scripts.build.extension
 
 clean:
 	rm -rf $(VENV) out dist build *.egg-info kernels/target .pytest_cache .ruff_cache .hypothesis

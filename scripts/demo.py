@@ -7,13 +7,13 @@ import json
 import sys
 from pathlib import Path
 
-from contact_sheet import save_contact_sheet
 from strata.addon.bake import BakeJob, Options, read_scene
 from strata.addon.job import run_to_end
 from strata.addon.layers.exr import write_layers
 from strata.addon.measure.report import format_table
 from strata.addon.scene.open import choose, open_blend
 from strata.ops.terminal import Progress
+from strata.scripts.pictures.contact_sheet import save_contact_sheet
 
 ROOT = Path(__file__).resolve().parents[1]
 # Leaves, railings and stone gaps are smaller than a map's texels, so rays look where the map is unsure.

@@ -1,4 +1,4 @@
-"""What several tests need: scenes, and devices that must be there when CI says so."""
+"""What several tests need: devices that must be there when CI says so, the zip, a screen."""
 
 from __future__ import annotations
 
@@ -8,26 +8,14 @@ import sys
 from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).resolve().parent.parent
-SAMPLES = ROOT / "sample_blends"
-
-
-def scene_files() -> list[Path]:
-    """The sample scenes, and every .blend of the folder that STRATA_SCENES names."""
-    found = sorted(SAMPLES.glob("*.blend"))
-    if folder := os.environ.get("STRATA_SCENES"):
-        others = sorted(Path(folder).glob("*.blend"))
-        assert others, f"STRATA_SCENES names a folder without .blend files: {folder}"
-        found += others
-    return found
+from strata.tests.support.places import ROOT
 
 
 @pytest.fixture(params=["cpu", "gpu"])
 def backend(request) -> str:
     """Each device in turn. Without a GPU its tests are skipped, or fail if STRATA_EXPECT_GPU is 1."""
     if request.param == "gpu":
-        from gpu_scenes import gpu_device
+        from strata.tests.support.gpu_scenes import gpu_device
 
         gpu_device()
     return request.param
@@ -36,7 +24,7 @@ def backend(request) -> str:
 @pytest.fixture(scope="session")
 def archive() -> Path:
     """The extension's zip, built now."""
-    subprocess.run([sys.executable, ROOT / "scripts" / "build_extension.py"], check=True)
+    subprocess.run([sys.executable, "-m", "strata.scripts.build.extension"], check=True)
     (found,) = (ROOT / "dist").glob("strata-*-linux_x64.zip")
     return found
 

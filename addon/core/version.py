@@ -1,3 +1,3 @@
-"""Strata's version, as pyproject.toml and blender_manifest.toml have it (tests/test_measure_report.py)."""
+"""Strata's version, as pyproject.toml and blender_manifest.toml have it (tests/measure/test_report.py)."""
 
 VERSION = "0.1.0"

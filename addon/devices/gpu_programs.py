@@ -1,4 +1,4 @@
-"""Every program there is, so that tests and CI can compile them all (scripts/compile_shaders.py)."""
+"""Every program there is, so that tests and CI can compile them all (scripts/build/compile_shaders.py)."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from .registration import Classes
 
 PACKAGE = __package__.removesuffix(".addon.ui")
 DOCUMENTATION = Path(__file__).resolve().parents[2] / "docs" / "index.html"
-"""Only in the extension: scripts/build_extension.py makes it."""
+"""Only in the extension: scripts/build/extension.py makes it."""
 
 DEVICES = [
     ("auto", "Automatic", "The GPU where there is one, the CPU otherwise", 0),

@@ -1,6 +1,6 @@
 """Presets of each effect's settings, Blender's own kind: a list in the effect's header.
 
-Those that Strata brings are the files in `presets/`, written by scripts/effect_presets.py.
+Those that Strata brings are the files in `presets/`, written by scripts/build/effect_presets.py.
 """
 
 from __future__ import annotations

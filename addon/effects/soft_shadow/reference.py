@@ -2,7 +2,7 @@
 
 Written independently of the kernels (kernels/src/emitter.rs, kernels/src/rays): it has its own sampling of
 lights and its own sums, and shares only the intersection of rays with triangles. Tested against closed
-forms in tests/test_reference.py.
+forms in tests/effects/soft_shadow/test_reference.py.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 const int SAMPLES = 256;
 
-// Row of the sample in each of the columns, four to a word; made by scripts/light_samples.py.
+// Row of the sample in each of the columns, four to a word; made by scripts/build/light_samples.py.
 const uint SAMPLE_ROWS[SAMPLES / 4] = uint[](
     0xc80f39edu, 0x6b4a8eb6u, 0xa5d87a1fu, 0x982ffd59u, 0x65e68503u, 0x20d246b8u, 0x541177a8u, 0x3392c5f5u,
     0xb36a41e3u, 0xd4022482u, 0xf7145da3u, 0x75964dc1u, 0x882a3bebu, 0x0964cdadu, 0xbb1e53ddu, 0x317eff9eu,

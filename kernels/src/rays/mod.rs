@@ -207,7 +207,7 @@ fn ray_visibility<'py>(
 ///
 /// Each ray goes to one of 64 well-spread light samples, drawn in proportion to their weights. The expectation is
 /// that of a ratio of two sums, so it is biased, but only where visibility and weight go together across the light
-/// and no more than such a ratio over 64 samples is: below 1e-3 in tests/test_rays.py. Arguments as for `ray_visibility`.
+/// and no more than such a ratio over 64 samples is: below 1e-3 in tests/kernels/test_rays.py. Arguments as for `ray_visibility`.
 #[pyfunction]
 #[pyo3(signature = (accel, casters, emitter, eye, position, geometric_normal, shading_normal, seed, cancel=None))]
 fn ray_screen<'py>(

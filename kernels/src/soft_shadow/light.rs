@@ -12,7 +12,7 @@ use crate::view::View;
 pub const SAMPLES: usize = 256;
 
 /// Row of the sample in each of the 256 columns, so that rows and columns are distinct. Made by
-/// `scripts/light_samples.py`, which says how good it is; twin of samples.glsl.
+/// `scripts/build/light_samples.py`, which says how good it is; twin of samples.glsl.
 #[rustfmt::skip]
 pub const SAMPLE_ROWS: [u8; SAMPLES] = [
     237, 57, 15, 200, 182, 142, 74, 107, 31, 122, 216, 165, 89, 253, 47, 152,

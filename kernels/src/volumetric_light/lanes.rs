@@ -1,6 +1,6 @@
 //! [`integral::near`] for sixteen stretches of rays at once, in single precision.
 //!
-//! Same formulas, same panels; the nodes in double precision are its oracle (tests/test_airlight.py).
+//! Same formulas, same panels; the nodes in double precision are its oracle (tests/effects/volumetric_light/test_airlight.py).
 
 mod functions;
 mod integrate;

@@ -1,0 +1,209 @@
+"""Measures how right Strata is and rewrites the figures in docs/accuracy.md, a block for each section.
+
+python -m strata.scripts.bench.accuracy          everything (half an hour on two cores: most of it is Cycles)
+python -m strata.scripts.bench.accuracy plates   these sections only
+python -m strata.scripts.bench.accuracy --quick  tiny settings, printed, not written: whether it still runs
+"""
+
+from __future__ import annotations
+
+from strata.scripts import demo
+from strata.scripts.bench import against_cycles, airlight, close_casters, fringe, plates, toon_errors, units
+from strata.scripts.bench.document import ROOT, rmse, table, write_block
+from strata.scripts.bench.scenes import open_sample
+from strata.scripts.bench.sections import read_sections
+
+DOCUMENT = ROOT / "docs" / "accuracy.md"
+METHODS = ("bitmask", "hybrid", "area")
+
+
+def courtyard(quick: bool) -> str:
+    """Every light of the courtyard against Cycles: with default settings, and with those of `make demo`."""
+    samples, size = (16, (160, 90)) if quick else (64, (480, 270))
+    rows = []
+    settings = {"default (bitmask)": {}, "as `make demo` (hybrid)": demo.SETTINGS}
+    for name, found in against_cycles.compare_all(open_sample("courtyard"), samples, size, settings):
+        figures = [
+            rmse(found.rmse),
+            rmse(found.cycles_noise),
+            rmse(found.rays_rmse),
+            f"{found.bias:+.4f}",
+            f"{found.p99:.3f}",
+        ]
+        figures += [f"{found.largest:.2f}", rmse(found.value)]
+        interval = f"{rmse(found.ci95[0])} to {rmse(found.ci95[1])}"
+        rows.append([name, found.light, *figures, interval, "yes" if found.agrees else "no"])
+    header = [
+        "settings",
+        "light",
+        "RMSE",
+        "Cycles' noise",
+        "rays",
+        "bias",
+        "p99",
+        "max",
+        "reported",
+        "95% interval",
+    ]
+    return "\n\n".join(
+        [
+            "### Courtyard against Cycles",
+            f"{size[0]}x{size[1]}, at pixel centres. Cycles: 2 x {samples} samples, each light alone, lit "
+            "over unlit, its noise taken off. RMSE and bias are weighted by the unshadowed light. "
+            "Rays: RMSE of Strata's own rays from every pixel against Cycles, most of it from one "
+            "pixel in a thousand where the two are worlds apart. Reported is what the bake says of "
+            "itself, by rays at its probes; it agrees where its interval, with the rays' own distance "
+            "added in squares and widened by Cycles' noise, holds the RMSE.",
+            table([*header, "agrees"], rows),
+        ]
+    )
+
+
+def closed_forms(quick: bool) -> str:
+    """Plates over a ground."""
+    size = (160, 90) if quick else plates.SIZE
+    rows = []
+    for method in METHODS:
+        for found in plates.measure(method, size):
+            figures = [rmse(found.rmse), f"{found.bias:+.4f}", f"{found.p99:.3f}", f"{found.largest:.3f}"]
+            rows.append([method, found.light, found.plates, *figures])
+    return "\n\n".join(
+        [
+            "### Plates against closed forms",
+            f"The ground under one plate and under two that overlap, default settings but the method, "
+            f"{size[0]}x{size[1]}.",
+            table(["method", "light", "plates", "RMSE", "bias", "p99", "max"], rows),
+        ]
+    )
+
+
+def fringes(quick: bool) -> str:
+    """Layer times unshadowed render against the shadowed render."""
+    size, samples, cycles_samples = ((160, 90), (1, 8), 16) if quick else ((480, 270), (1, 4, 8, 16, 32), 128)
+    rows = []
+    for scene, light in (("stacked", "Panel"), ("courtyard", "Sun")):
+        for found in fringe.measure(open_sample(scene), light, size, samples, cycles_samples):
+            figures = [rmse(found.silhouettes), rmse(found.elsewhere), rmse(found.noise)]
+            rows.append([scene, light, found.samples, *figures])
+    header = ["scene", "light", "samples a pixel", "silhouettes", "elsewhere", "Cycles' noise at silhouettes"]
+    return "\n\n".join(
+        [
+            "### Fringes",
+            "A layer times Cycles' unshadowed image against Cycles' shadowed one, the scene's pixel filter "
+            "on both: RMS difference over the mean of the unshadowed image, at pixels whose neighbours show "
+            "another object and elsewhere.",
+            table(header, rows),
+        ]
+    )
+
+
+def radiance(quick: bool) -> str:
+    """Brightness of lamps."""
+    rows = [
+        [found.lamp, f"{found.ratio:.4f}", f"{found.deviation:.4f}"]
+        for found in units.measure(16 if quick else 1024)
+    ]
+    return "\n\n".join(
+        [
+            "### Radiance units",
+            "Cycles' unshadowed diffuse radiance of a white ground over Strata's: ratio of the images' sums, "
+            "and RMS deviation of their pixels from that ratio.",
+            table(["lamp", "Cycles over Strata", "deviation"], rows),
+        ]
+    )
+
+
+def toon_shading(quick: bool) -> str:
+    """Masks at their edges, and lines around a turntable."""
+    return f"### Toon\n\n{toon_errors.masks(open_sample('comic'), quick)}\n\n{toon_errors.evenness(quick)}"
+
+
+def volumetric(quick: bool) -> str:
+    """Every light of mist, scattered once by its haze: by rays, and against Cycles."""
+    scene = open_sample("mist")
+    samples, size, large = (16, (96, 54), (96, 54)) if quick else (1024, (96, 54), (240, 135))
+    measured = []
+    for layer in airlight.by_rays(scene, large):
+        error = layer.error
+        interval = f"{rmse(error['ci95'][0])} to {rmse(error['ci95'][1])}"
+        figures = rmse(error["reference_noise"]), f"{error['bias']:+.4f}", error["probes"]
+        measured.append([layer.light, rmse(error["value"]), interval, *figures])
+    rows = []
+    for found in airlight.compare_all(scene, samples, size):
+        figures = [rmse(found.error), rmse(found.cycles_noise), f"{found.bias:+.4f}", rmse(found.value)]
+        interval = f"{rmse(found.ci95[0])} to {rmse(found.ci95[1])}"
+        rows.append([found.light, *figures, interval, "yes" if found.agrees else "no"])
+    by_rays = ["light", "relative L2", "95% interval", "rays' noise", "bias", "pixels"]
+    header = ["light", "relative L2", "Cycles' noise", "bias", "reported", "95% interval", "agrees"]
+    return "\n\n".join(
+        [
+            "### Mist by rays",
+            f"Default settings, {large[0]}x{large[1]}, at pixel centres: every pixel against 2 x 512 samples "
+            "along its ray, each with a ray to a random point of the light, in the brightest pixels many "
+            "times that. Every pixel was looked at, so that the interval is the rays' noise only.",
+            table(by_rays, measured),
+            "### Mist against Cycles",
+            f"The same at {size[0]}x{size[1]}. Cycles: 2 x {samples} samples, each "
+            "light alone, no bounces, its noise taken off. Reported is what the bake says of itself, by "
+            "rays in every pixel; it agrees where its interval, widened by Cycles' noise, holds the error.",
+            table(header, rows),
+        ]
+    )
+
+
+def close(quick: bool) -> str:
+    """What stands close to spots and points."""
+    size, radii = ((60, 45), (0.1,)) if quick else (close_casters.SIZE, close_casters.RADII_M)
+    rows = {}
+    for found in close_casters.measure(close_casters.LAMPS, close_casters.FIXTURES, radii, METHODS, size):
+        rows.setdefault((found.lamp, found.fixture, found.method), []).append(rmse(found.rmse))
+    samples = 16 if quick else 256
+    against = [
+        [*what, method, rmse(found.rmse), rmse(found.cycles_noise), f"{found.bias:+.4f}", f"{found.p99:.3f}"]
+        for what, method, found in close_casters.by_cycles(samples, METHODS[:2], size)
+    ]
+    return "\n\n".join(
+        [
+            "### Close to spots and points",
+            f"A lamp {close_casters.HEIGHT_M:g} m above a ground and, in proportion to its radius (at least "
+            "0.1 m), what an artist puts close to it: a plate with holes one radius below, barn doors, a "
+            "cylinder of 1.5 and a cone of 1.2 to 2.4 radii about it, a window frame 1.3 radii before it; or "
+            f"a plate of 2.4 m, 1 m below. Default settings but the method, {size[0]}x{size[1]}; against "
+            f"{close_casters.RAYS} rays from every point: RMSE by the lamp's radius in metres.",
+            table(
+                ["lamp", "close to it", "method", *(f"{radius:g}" for radius in radii)],
+                [[*key, *figures] for key, figures in rows.items()],
+            ),
+            "A lamp of no size has hard edges: a point within a texel of one may fall to either side, and "
+            f"of these few points each that does counts .01. Some against Cycles, 2 x {samples} samples, "
+            "its noise taken off:",
+            table(
+                ["lamp", "close to it", "radius", "method", "RMSE", "Cycles' noise", "bias", "p99"], against
+            ),
+        ]
+    )
+
+
+SECTIONS = {
+    "courtyard": courtyard,
+    "plates": closed_forms,
+    "close": close,
+    "fringes": fringes,
+    "radiance": radiance,
+    "toon": toon_shading,
+    "volumetric": volumetric,
+}
+
+
+def main() -> None:
+    """Reads the command line."""
+    sections, quick = read_sections(__doc__, SECTIONS)
+    for name in sections:
+        text = SECTIONS[name](quick)
+        print(f"\n{text}", flush=True)
+        if not quick:
+            write_block(DOCUMENT, name, text)
+
+
+if __name__ == "__main__":
+    main()

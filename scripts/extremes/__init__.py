@@ -1,1 +1,0 @@
-"""Extreme inputs, one module an effect: each has ROWS(), which measures them."""

@@ -1,0 +1,449 @@
+"""The layers of a sequence follow from scene and settings alone, whichever frames are baked."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import bpy
+import numpy as np
+import OpenEXR
+import pytest
+from strata.addon.scene.changing import may_change, may_make_lamps
+from strata.addon.scene.open import open_blend
+from strata.addon.sequence import coarse_to_fine, sequence_layers
+from strata.addon.ui import properties
+from strata.addon.ui.properties import options_of
+from strata.tests.support.exr_layers import read_layers
+from strata.tests.support.places import SAMPLES
+from strata.tests.support.scan_scenes import empty_scene
+
+QUICK = ("--backend", "cpu", "--size", "24x16", "--samples", "1", "--probes", "0")
+QUICK += ("--set", "soft_shadow.resolution=128")
+
+
+@pytest.fixture(autouse=True)
+def registered():
+    had = hasattr(bpy.types.Scene, "strata")
+    if not had:
+        properties.register()
+    yield
+    if not had:
+        properties.unregister()
+
+
+def strata(*words, check: int = 0) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "strata", *map(str, words)]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert result.returncode == check, result.stderr
+    return result
+
+
+def lamp(name: str, kind="POINT", place=(2.0, 0.0, 4.0), energy=100.0):
+    made = bpy.data.objects.new(name, bpy.data.lights.new(name, kind))
+    made.location, made.data.energy = place, energy
+    bpy.context.scene.collection.objects.link(made)
+    return made
+
+
+def box(name: str, side: float, place):
+    mesh, h = bpy.data.meshes.new(name), side / 2
+    corners = [(x, y, z) for x in (-h, h) for y in (-h, h) for z in (-h, h)]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    mesh.from_pydata(corners, [], faces)
+    made = bpy.data.objects.new(name, mesh)
+    made.location = place
+    bpy.context.scene.collection.objects.link(made)
+    return made
+
+
+def keyed(owner, path: str, **values) -> None:
+    """Keyframes, by frame (`f3=0.0`), without anything between."""
+    for frame, value in values.items():
+        setattr(owner, path, value)
+        owner.keyframe_insert(path, frame=int(frame[1:]))
+    for layer in owner.animation_data.action.layers:
+        for bag in layer.strips[0].channelbags:
+            for curve in bag.fcurves:
+                for point in curve.keyframe_points:
+                    point.interpolation = "CONSTANT"
+
+
+@pytest.fixture
+def scene():
+    """A crate on a floor from above, and a sun that never changes; four frames."""
+    scene = empty_scene()
+    scene.camera.location = (0, 0, 12)
+    box("Floor", 8, (0, 0, -4))
+    box("Crate", 1, (0, 0, 0.5))
+    lamp("Key", "SUN", energy=3.0).rotation_euler = (0.7, 0, 0)
+    scene.frame_start, scene.frame_end = 1, 4
+    return scene
+
+
+def names_of(scene, frames=(1,), **options) -> list[str] | None:
+    """By each of several first frames: the same."""
+    asked = [
+        sequence_layers(scene, scene.view_layers[0], lambda s: options_of(s, **options), (frame,))
+        for frame in frames
+    ]
+    found = [None if layers is None else [layer.name for layer in layers] for layers in asked]
+    assert all(each == found[0] for each in found)
+    return found[0]
+
+
+def test_every_frame_comes_once_and_ends_first():
+    assert list(coarse_to_fine(1, 9, 4)) == [4, 1, 9, 5, 3, 7, 2, 6, 8]
+    assert list(coarse_to_fine(-3, -3, 9)) == [-3]
+    assert sorted(coarse_to_fine(0, 100, 0)) == list(range(101))
+
+
+def test_a_still_scene_has_what_each_frame_needs(scene):
+    crate = bpy.data.objects["Crate"]
+    crate.modifiers.new("Bevel", "BEVEL")
+    assert not may_change(scene)
+    assert names_of(scene) is None
+
+
+def animate_material(scene):
+    material = bpy.data.materials.new("Material")
+    material.node_tree.nodes["Principled BSDF"].inputs["Alpha"].keyframe_insert("default_value", frame=1)
+
+
+def drive(scene):
+    bpy.data.objects["Key"].driver_add("hide_render").driver.expression = "frame > 2"
+
+
+def bind_marker(scene):
+    scene.timeline_markers.new("Cut", frame=2).camera = scene.camera
+
+
+def time_in_nodes(scene):
+    group = bpy.data.node_groups.new("Group", "GeometryNodeTree")
+    inner = bpy.data.node_groups.new("Inner", "GeometryNodeTree")
+    inner.nodes.new("GeometryNodeInputSceneTime")
+    group.nodes.new("GeometryNodeGroup").node_tree = inner
+    bpy.data.objects["Crate"].modifiers.new("Nodes", "NODES").node_group = group
+
+
+def shape_keys(scene):
+    crate = bpy.data.objects["Crate"]
+    crate.shape_key_add(name="Basis")
+    crate.shape_key_add(name="Other").keyframe_insert("value", frame=1)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        animate_material,
+        drive,
+        bind_marker,
+        time_in_nodes,
+        shape_keys,
+        lambda scene: bpy.data.objects["Crate"].modifiers.new("Cloth", "CLOTH"),
+        lambda scene: bpy.data.objects["Crate"].modifiers.new("Build", "BUILD"),
+        lambda scene: bpy.data.objects["Crate"].modifiers.new("Particles", "PARTICLE_SYSTEM"),
+        lambda scene: setattr(bpy.data.images.new("Movie", 4, 4), "source", "SEQUENCE"),
+        lambda scene: bpy.ops.rigidbody.world_add(),
+        lambda scene: scene.strata.soft_shadow.keyframe_insert("layers", frame=1),
+    ],
+)
+def test_what_may_change_is_found(scene, change):
+    change(scene)
+    assert may_change(scene)
+
+
+def test_lamps_that_come_and_go_belong_to_every_frame(scene):
+    keyed(lamp("Torch").data, "energy", f1=0.0, f3=100.0, f4=0.0)
+    keyed(lamp("Hidden"), "hide_render", f1=True, f2=False, f3=True)
+    keyed(lamp("Far", place=(500.0, 0.0, 4.0)), "location", f1=(500, 0, 4), f4=(1, 0, 4))
+    lamp("Dark", energy=0.0)
+    lamp("Shadowless").data.use_shadow = False
+    lamp("Off").hide_render = True
+    expected = ["Far", "Hidden", "Key", "Torch"]
+    scene.frame_set(2)
+    assert names_of(scene, (1, 2, 3, 4, 9)) == [f"Soft Shadow {name}" for name in expected]
+    assert scene.frame_current == 2
+
+
+def test_a_fog_that_fades_and_settings_that_change(scene):
+    world = scene.world = bpy.data.worlds.new("World")
+    fog = world.node_tree.nodes.new("ShaderNodeVolumeScatter")
+    output = world.node_tree.nodes["World Output"]
+    world.node_tree.links.new(fog.outputs["Volume"], output.inputs["Volume"])
+    density = fog.inputs["Density"]
+    for frame, value in ((1, 0.0), (2, 0.0), (3, 0.1), (4, 0.0)):
+        density.default_value = value
+        density.keyframe_insert("default_value", frame=frame)
+    assert names_of(scene, (1, 3)) == ["Soft Shadow Key", "Volumetric Key", "Transmittance"]
+    scene.strata.toon.enabled = True
+    scene.strata.toon.keyframe_insert("enabled", frame=3)
+    scene.strata.toon.enabled = False
+    scene.strata.toon.keyframe_insert("enabled", frame=1)
+    scene.strata.toon.keyframe_insert("enabled", frame=4)
+    assert "Toon" in names_of(scene, (1, 3))
+
+
+def test_looking_ends_as_soon_as_everything_is_found(scene):
+    keyed(lamp("Torch").data, "energy", f1=0.0, f3000=100.0)
+    lamp("Dark", energy=0.0)
+    scene.frame_end = 4000
+    shares = []
+    sequence_layers(scene, scene.view_layers[0], options_of, (1,), show=lambda s, _: shares.append(s))
+    assert len(shares) == 2  # frame 1, and the last
+
+
+def test_looking_can_be_interrupted(scene):
+    keyed(lamp("Torch").data, "energy", f1=0.0, f2=0.0)
+    scene.frame_end = 4000
+
+    def show(share, stage):
+        if share > 0.001:
+            raise KeyboardInterrupt
+
+    scene.frame_set(3)
+    with pytest.raises(KeyboardInterrupt):
+        sequence_layers(scene, scene.view_layers[0], options_of, (1,), show=show)
+    assert scene.frame_current == 3
+
+
+def test_markers_switch_the_camera_while_looking(scene):
+    """Only the second camera sees a lamp's crate."""
+    box("Lonely", 1, (100, 0, 0))
+    lamp("Remote", "SPOT", (100, 0, 4))
+    away = bpy.data.objects.new("Away", bpy.data.cameras.new("Away"))
+    away.location = (100.3, 0, 12)
+    scene.collection.objects.link(away)
+    box("Plate", 8, (100, 0, -5))
+    scene.timeline_markers.new("Here", frame=1).camera = first = scene.camera
+    assert names_of(scene) == ["Soft Shadow Key"]
+    scene.timeline_markers.new("There", frame=3).camera = away
+    assert names_of(scene, (1, 3)) == ["Soft Shadow Key", "Soft Shadow Remote"]
+    assert scene.camera == first
+
+
+def baked(scene, tmp_path, *words):
+    """Layers by frame, of a copy that is baked by the command."""
+    blend = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
+    result = strata(
+        "bake", blend, "-o", tmp_path / "o_##.exr", "--report", tmp_path / "o_##.json", *words, *QUICK
+    )
+    found = {int(path.stem[-2:]): read_layers(path) for path in sorted(tmp_path.glob("o_*.exr"))}
+    for path in tmp_path.glob("o_*"):
+        path.unlink()
+    return result, found
+
+
+def test_all_files_have_the_same_layers_neutral_where_a_frame_needs_none(scene, tmp_path):
+    keyed(lamp("Torch").data, "energy", f1=100.0, f3=0.0, f4=100.0)
+    result, found = baked(scene, tmp_path, "--frames", "1-4,6")
+    assert sorted(found) == [1, 2, 3, 4, 6]
+    assert "frame 6 is outside scene 'Scene', which runs from 1 to 4" in result.stderr
+    for frame, layers in found.items():
+        assert [layer.name for layer in layers.layers] == ["Soft Shadow Key", "Soft Shadow Torch"]
+        told = layers.report
+        torch = layers.layers[1]
+        assert told["frame"] == frame
+        assert [entry.get("neutral", False) for entry in told["layers"]] == [False, frame == 3]
+        assert (torch.pixels == 1.0).all() == (frame == 3)
+        reasons = [entry["reason"] for entry in told["left_out"] if entry["what"] == "Soft Shadow Torch"]
+        assert reasons == (["neutral (1), other frames need it: no power"] if frame == 3 else [])
+        assert any("outside" in warning for warning in told["warnings"]) == (frame == 6)
+    # A farm's task for one frame, whatever it is, agrees, and so does what was baked with others.
+    for frame in (3, 2):
+        _, alone = baked(scene, tmp_path, "--frames", str(frame))
+        for one, other in zip(alone[frame].layers, found[frame].layers, strict=True):
+            assert one.name == other.name
+            np.testing.assert_array_equal(one.pixels, other.pixels)
+
+
+def test_a_frame_that_needs_nothing_has_its_file(scene, tmp_path):
+    keyed(bpy.data.objects["Key"], "hide_render", f1=False, f2=True, f3=False)
+    _, found = baked(scene, tmp_path, "--frames", "2")
+    (layer,) = found[2].layers
+    assert (layer.name, layer.light) == ("Soft Shadow Key", "Key")
+    assert (layer.pixels == 1.0).all()
+    assert any("the lamp is not there" in entry["reason"] for entry in found[2].report["left_out"])
+    scene.frame_start = scene.frame_end = 2
+    result, found = baked(scene, tmp_path, "--frames", "2")
+    assert not found
+    assert "nothing to bake, no file written" in result.stderr
+
+
+def test_the_plan_tells_what_is_neutral(scene, tmp_path):
+    keyed(lamp("Torch").data, "energy", f1=100.0, f3=0.0, f4=100.0)
+    blend = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
+    plans = json.loads(strata("plan", blend, "--frames", "1-3x2", "--json").stdout)
+    assert [plan["frame"] for plan in plans] == [1, 3]
+    for plan, neutral in zip(plans, ([], ["Soft Shadow Torch"]), strict=True):
+        assert [layer["name"] for layer in plan["layers"] if layer.get("neutral")] == neutral
+    text = strata("plan", blend, "--frames", "1,3").stdout
+    assert (
+        "left out: Soft Shadow Torch: neutral (1), other frames need it: no power"
+        in text.partition("frame 3")[2]
+    )
+    assert "neutral" not in text.partition("frame 3")[0]
+
+
+def test_another_scene_is_evaluated_at_its_own_frame(scene, tmp_path):
+    """The file's active scene is at frame 1, the other at 4; its sun is hidden but at frame 3."""
+    other = bpy.data.scenes.new("Other")
+    for thing in scene.objects:
+        other.collection.objects.link(thing)
+    other.camera, other.frame_start, other.frame_end = scene.camera, 1, 4
+    keyed(bpy.data.objects["Key"], "hide_render", f1=True, f3=False, f4=True)
+    crate = bpy.data.objects["Crate"]
+    keyed(crate, "location", f1=(0, 0, 0.5), f3=(2, 0, 0.5), f4=(-2, 0, 0.5))
+    other.frame_set(4)
+    _, found = baked(scene, tmp_path, "--scene", "Other", "--frames", "3")
+    assert found[3].report["frame"] == 3
+    assert found[3].layers[0].pixels.min() < 1.0
+    blend = tmp_path / "scene.blend"
+    plan = json.loads(strata("plan", blend, "--scene", "Other", "--json").stdout)
+    assert plan["frame"] == 4
+    assert plan["layers"][0]["neutral"]
+
+
+def test_sample_blends_animation_is_the_same_whatever_is_asked_first():
+    open_blend(SAMPLES / "animated.blend")
+    assert names_of(bpy.context.scene, (1, 5, 10)) == ["Soft Shadow Moving panel"]
+
+
+def test_only_the_layers_of_named_lamps(scene, tmp_path):
+    lamp("Torch")
+    lamp("Lamp.001", place=(-2, 1, 4))
+    scene.strata.toon.enabled = True
+    blend = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
+    words = ("--lights", "Lamp.001, Key", "--effects", "soft_shadow,toon")
+    strata("bake", blend, "-o", tmp_path / "few.exr", *words, *QUICK)
+    few = read_layers(tmp_path / "few.exr").layers
+    assert [layer.name for layer in few] == ["Soft Shadow Key", "Soft Shadow Lamp_001"]
+    strata("bake", blend, "-o", tmp_path / "all.exr", "--effects", "soft_shadow,toon", *QUICK)
+    everything = {layer.name: layer.pixels for layer in read_layers(tmp_path / "all.exr").layers}
+    assert len(everything) > 3
+    for layer in few:
+        np.testing.assert_array_equal(layer.pixels, everything[layer.name])
+    plan = json.loads(strata("plan", blend, "--lights", "Torch", "--json").stdout)
+    assert [layer["name"] for layer in plan["layers"]] == ["Soft Shadow Torch"]
+    for command in (("plan", blend), ("bake", blend, "-o", tmp_path / "x.exr")):
+        error = strata(*command, "--lights", "Key,Nope", check=2).stderr
+        assert error == "strata: --lights: there is no lamp 'Nope' (there is 'Key', 'Lamp.001', 'Torch')\n"
+    assert sorted(os.listdir(tmp_path)) == ["all.exr", "few.exr", "scene.blend"]
+
+
+def test_named_lamps_of_a_sequence(scene):
+    keyed(lamp("Torch").data, "energy", f1=0.0, f3=100.0)
+    assert names_of(scene, (1, 3), lights=("Torch",)) == ["Soft Shadow Torch"]
+
+
+def test_folders_are_made_and_slashes_are_beside_the_blend(scene, tmp_path):
+    (tmp_path / "a").mkdir()
+    blend = tmp_path / "a" / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
+    words = ("-o", "//deep/er/o_#.exr", "--report", "//reports/o.json", "--frames", "2", *QUICK)
+    strata("bake", blend, *words)
+    assert (tmp_path / "a" / "deep" / "er" / "o_2.exr").is_file()
+    assert json.loads((tmp_path / "a" / "reports" / "o.json").read_text())["frame"] == 2
+    # Nothing of it where nothing is baked, or the bake fails.
+    strata("bake", blend, "-o", tmp_path / "none" / "x.exr", "--effects", "volumetric_light", *QUICK)
+    scene.camera.data.type = "PANO"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
+    strata("bake", blend, "-o", tmp_path / "none" / "x.exr", *QUICK, check=2)
+    assert os.listdir(tmp_path) == ["a"]
+    scene.camera = None
+    bpy.data.scenes.new("Other").camera = bpy.data.objects["Camera"]
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
+    error = strata("bake", blend, "-o", tmp_path / "x.exr", check=2).stderr
+    assert error == "strata: scene 'Scene' has no camera; --scene: 'Other' has one\n"
+
+
+def test_all_view_layers_go_into_one_file(scene, tmp_path):
+    keyed(lamp("Torch").data, "energy", f1=0.0, f3=100.0)
+    lamps = bpy.data.collections.new("Lamps")
+    scene.collection.children.link(lamps)
+    lamps.objects.link(bpy.data.objects["Torch"])
+    scene.collection.objects.unlink(bpy.data.objects["Torch"])
+    scene.view_layers.new("Without.lamp").layer_collection.children["Lamps"].exclude = True
+    scene.view_layers.new("Unused").use = False
+    _, found = baked(scene, tmp_path, "--view-layer", "all", "--frames", "1")
+    whole = found[1].report
+    blend = tmp_path / "scene.blend"
+    names = ["ViewLayer.Soft Shadow Key", "ViewLayer.Soft Shadow Torch", "Without.lamp.Soft Shadow Key"]
+    assert [f"{entry['view_layer']}.{entry['name']}" for entry in whole["layers"]] == names
+    strata("bake", blend, "-o", tmp_path / "x.exr", "--view-layer", "all", "--composite", *QUICK)
+    with OpenEXR.File(str(tmp_path / "x.exr")) as file:
+        parts = {part.name() for part in file.parts}
+    composites = {"ViewLayer.Combined", "Without.lamp.Combined"}
+    assert parts == {*names, *composites}
+    for name in ("ViewLayer", "Without.lamp"):
+        strata("bake", blend, "-o", tmp_path / "one.exr", "--view-layer", name, *QUICK)
+        for layer in read_layers(tmp_path / "one.exr").layers:
+            with OpenEXR.File(str(tmp_path / "x.exr"), separate_channels=True) as file:
+                (part,) = (part for part in file.parts if part.name() == f"{name}.{layer.name}")
+                (channel,) = part.channels.values()
+                np.testing.assert_array_equal(channel.pixels[::-1], layer.pixels)
+    plans = json.loads(strata("plan", blend, "--view-layer", "all", "--json").stdout)
+    assert [plan["view_layer"] for plan in plans] == ["ViewLayer", "Without.lamp"]
+    few = json.loads(strata("plan", blend, "--view-layer", "all", "--lights", "Torch", "--json").stdout)
+    assert [[layer["name"] for layer in plan["layers"]] for plan in few] == [["Soft Shadow Torch"], []]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_looking_at_once(scene, tmp_path, number):
+    """A lamp that no frame needs, though it is animated: the whole range has to be looked at."""
+    keyed(lamp("Torch").data, "energy", f1=0.0, f2=0.0)
+    scene.frame_end = 100_000
+    blend = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
+    words = ["bake", blend, "-o", tmp_path / "folder" / "x.exr", *QUICK]
+    command = [sys.executable, "-m", "strata", *map(str, words)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert "Looking which layers the sequence needs" in process.stderr.readline()
+        process.send_signal(number)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert (out, err.splitlines()[-1]) == ("", "strata: interrupted")
+    assert os.listdir(tmp_path) == ["scene.blend"]
+
+
+def lamp_on_faces(scene):
+    bpy.data.objects["Crate"].instance_type = "FACES"
+    bpy.data.objects["Key"].parent = bpy.data.objects["Crate"]
+
+
+def nodes_with(node: str, socket: str, value):
+    tree = bpy.data.node_groups.new("Tree", "GeometryNodeTree")
+    tree.nodes.new(node).inputs[socket].default_value = value
+    bpy.data.objects["Crate"].modifiers.new("Nodes", "NODES").node_group = tree
+
+
+def lamp_in_nodes(scene):
+    nodes_with("GeometryNodeObjectInfo", "Object", bpy.data.objects["Key"])
+
+
+def collection_in_nodes(scene):
+    inner, outer = bpy.data.collections.new("Inner"), bpy.data.collections.new("Outer")
+    inner.objects.link(bpy.data.objects["Key"])
+    outer.children.link(inner)
+    nodes_with("GeometryNodeCollectionInfo", "Collection", outer)
+
+
+def lamp_of_particles(scene):
+    settings = (
+        bpy.data.objects["Crate"].modifiers.new("Particles", "PARTICLE_SYSTEM").particle_system.settings
+    )
+    settings.render_type, settings.instance_object = "OBJECT", bpy.data.objects["Key"]
+
+
+@pytest.mark.parametrize("make", [lamp_on_faces, lamp_in_nodes, collection_in_nodes, lamp_of_particles])
+def test_lamps_that_only_an_evaluation_shows_are_expected(scene, make):
+    nodes_with("GeometryNodeObjectInfo", "Object", bpy.data.objects["Floor"])
+    assert not may_make_lamps()
+    make(scene)
+    assert may_make_lamps()

@@ -1,0 +1,117 @@
+"""View rays and what they see, against the rasteriser and against one another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from strata.addon.core.executor import Executor
+from strata.addon.core.outline import Camera
+from strata.addon.core.surface import ATTRIBUTES
+from strata.addon.core.view_rays import view_rays
+from strata.addon.devices.cpu import CpuDevice, CpuRays
+from strata.addon.effects.shared.steps import ray_accelerator
+from strata.tests.measure.scenes import random_scene
+
+NAMES = frozenset(ATTRIBUTES)
+JITTER = (0.31, -0.7)
+TURNED = {"right": (0.8, 0.6, 0.0), "up": (-0.36, 0.48, 0.8), "forward": (0.48, -0.64, 0.6)}
+
+
+def dressed(seed: int):
+    """A random scene, mirrored in places, with corner normals, uvs and material slots."""
+    outline, arrays = random_scene(seed)
+    rng = np.random.default_rng(seed)
+    matrices = arrays.matrices.copy()
+    matrices[1::2, :3, :3] *= (1.0, 1.0, -1.0)  # and nothing is done to the bounds: nothing here culls
+    meshes = []
+    for mesh in arrays.meshes:
+        corners, faces = len(mesh.corner_vertices), len(mesh.face_starts) - 1
+        normals = rng.normal(size=(corners, 3))
+        normals = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
+        uvs = rng.random((corners, 2), np.float32)
+        slots = rng.integers(0, 3, faces).astype(np.int32)
+        meshes.append(replace(mesh, corner_normals=normals, corner_uvs=uvs, face_slots=slots))
+    materials = outline.materials * 2
+    instances = tuple(replace(each, materials=(1, 0), object_id=7) for each in outline.instances)
+    outline = replace(outline, materials=materials, instances=instances)
+    return outline, replace(
+        arrays, meshes=tuple(meshes), matrices=matrices, cutouts=(*arrays.cutouts, *arrays.cutouts)
+    )
+
+
+def rays_of(outline, arrays) -> tuple[CpuDevice, CpuRays, frozenset[int]]:
+    device = CpuDevice()
+    device.set_scene(outline, arrays)
+    visible = frozenset(range(len(outline.instances)))
+    accelerator = Executor(device, device).value(ray_accelerator(outline), device)
+    camera = device.camera_rays(visible, NAMES)
+    return device, CpuRays(accelerator, np.array(outline.view.eye), camera=camera), visible
+
+
+def all_pixels(width: int, height: int) -> np.ndarray:
+    y, x = np.mgrid[0:height, 0:width]
+    return np.stack([x, y], axis=-1).reshape(-1, 2)
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_rays_see_what_the_rasteriser_sees(orthographic):
+    outline, arrays = dressed(3)
+    outline = replace(outline, camera=replace(outline.camera, orthographic=orthographic))
+    device, rays, visible = rays_of(outline, arrays)
+    width, height = outline.computed_size
+    raster = device.kernels.raster_surface(
+        device.geometry(),
+        device.instance_mask(visible),
+        outline.view.packed(),
+        width,
+        height,
+        jitter=JITTER,
+        attributes=sorted(NAMES),
+    )
+    pixels = all_pixels(width, height)
+    seen = rays.look(pixels, np.broadcast_to(JITTER, pixels.shape))
+    assert seen.surface.keys() == raster.keys() == NAMES
+    same = np.ones(len(pixels), bool)
+    for name in ("instance", "triangle"):
+        same &= seen.surface[name] == raster[name].reshape(-1)
+    # The raster snaps to 1/256 pixels: at outlines another triangle may win.
+    assert same.mean() > 0.97
+    hit = same & (seen.surface["instance"] >= 0)
+    assert hit.mean() > 0.3
+    for name in NAMES:
+        kind, channels = ATTRIBUTES[name]
+        ours = seen.surface[name]
+        theirs = raster[name].reshape(ours.shape)
+        assert ours.dtype == theirs.dtype == kind
+        assert ours.shape == ((len(pixels), channels) if channels > 1 else (len(pixels),))
+        if kind is np.int32:
+            assert (ours[same] == theirs[same]).all(), name
+        else:
+            # Both are float64 rounded once, but for hits that float32 rays put a hair outside a triangle.
+            assert np.allclose(ours[same], theirs[same], rtol=1e-5, atol=1e-4), name
+    assert np.isinf(seen.surface["depth"][seen.surface["instance"] < 0]).all()
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_a_view_ray_leads_to_what_it_sees(orthographic):
+    camera = Camera("Camera", (1e5, -2e5, 30.0), **TURNED, orthographic=orthographic)
+    view = camera.view(64, 48)
+    pixels = all_pixels(64, 48)
+    jitter = np.random.default_rng(0).uniform(-1.5, 1.5, pixels.shape)
+    at = (pixels + 0.5 + jitter) / (64, 48)
+    left, right, bottom, top = view.window
+    across = np.array([left, bottom]) + at * (right - left, top - bottom)
+    depth = np.random.default_rng(1).uniform(1.0, 9.0, len(pixels))
+    scale = 1.0 if orthographic else depth
+    axes = np.array([view.right, view.up, view.forward])
+    points = np.stack([across[:, 0] * scale, across[:, 1] * scale, depth], axis=1) @ axes
+    depth[::7], points[::7] = np.inf, 0.0
+    for surface in ({"depth": depth}, {"position": points.astype(np.float32)}):
+        rays = view_rays(view, (64, 48), pixels, jitter, surface)
+        assert np.allclose(np.linalg.norm(rays.directions, axis=1), 1.0)
+        hit = np.isfinite(rays.distances)
+        assert (hit == np.isfinite(depth)).all()
+        reached = rays.origins[hit] + rays.distances[hit, None] * rays.directions[hit]
+        assert np.allclose(reached, points[hit] + view.eye, atol=1e-5)

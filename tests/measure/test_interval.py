@@ -1,0 +1,226 @@
+"""Intervals and estimators against tables, exact values and simulation."""
+
+import math
+
+import numpy as np
+import pytest
+from strata.addon.core.slices import finished
+from strata.addon.measure.estimate import Group, Measured, binary_part, grouped_part
+from strata.addon.measure.interval import Part, gamma_distribution, gamma_quantile, joined, limits
+from strata.addon.measure.survey import allot, shared_looks
+from strata.addon.measure.visibility import measure_visibility
+from strata.tests.measure import fields
+
+
+def test_gamma_quantile_against_chi_square_tables():
+    # A chi-square of n degrees of freedom is twice a gamma of shape n / 2 (NIST/SEMATECH handbook 1.3.6.7.4).
+    for degrees, lower, upper in [
+        (1, 0.001, 5.024),
+        (2, 0.051, 7.378),
+        (10, 3.247, 20.483),
+        (100, 74.222, 129.561),
+    ]:
+        assert 2.0 * gamma_quantile(0.025, degrees / 2) == pytest.approx(lower, abs=5e-4)
+        assert 2.0 * gamma_quantile(0.975, degrees / 2) == pytest.approx(upper, abs=5e-4)
+
+
+def test_gamma_quantile_of_shape_one_is_exponential_and_inverts_the_distribution():
+    assert gamma_quantile(0.975, 1.0) == pytest.approx(-math.log(0.025), rel=1e-9)
+    for shape in (0.3, 1.0, 7.0, 400.0, 9e4):
+        for probability in (0.025, 0.5, 0.975):
+            x = gamma_quantile(probability, shape)
+            assert gamma_distribution(x, shape) == pytest.approx(probability, rel=1e-7)
+    assert gamma_quantile(0.025, 1e-9) < 1e-300
+    # Both sides of the change to the cube of Wilson and Hilferty.
+    assert gamma_quantile(0.975, 100_001.0) == pytest.approx(gamma_quantile(0.975, 99_999.0) + 2.0, abs=0.02)
+
+
+def test_limits_of_events_of_one_size_are_garwoods():
+    # Exact limits of a Poisson count of 10: 4.795 and 18.391 (Ulm 1990).
+    low, high = limits(Part(10 * 0.3, 10 * 0.3**2, 0.0, 0.3))
+    assert (low / 0.3, high / 0.3) == pytest.approx((4.795, 18.391), abs=1e-3)
+
+
+def test_limits_without_events_are_the_rule_of_three():
+    low, high = limits(Part(0.0, 0.0, 0.0, 2.0))
+    assert low == 0.0
+    assert high == pytest.approx(2.0 * -math.log(0.025), rel=1e-9)
+
+
+def test_limits_of_many_events_are_normal():
+    low, high = limits(Part(1e4, 1e4, 0.0, 1e-6))
+    assert (low, high) == pytest.approx((1e4 - 196.0, 1e4 + 196.0), abs=2.0)
+
+
+def test_noise_alone_never_proves_an_error():
+    low, high = limits(Part(1.0, 0.0, 1.0, 0.0))
+    assert low == 0.0
+    assert high == pytest.approx(2.96, abs=0.01)
+    low, high = limits(Part(-1.0, 0.0, 1.0, 0.0))
+    assert low == 0.0
+    assert high == pytest.approx(1.96, abs=0.01)
+
+
+def test_joined_parts_add_up_but_for_the_unseen():
+    assert joined([Part(1, 2, 3, 4), Part(5, 6, 7, 1)]) == Part(6, 8, 10, 4)
+    assert joined([]) == Part(0, 0, 0, 0)
+
+
+def test_allot():
+    assert allot(10, [100, 100], [1, 3]) == [2, 7]  # rounded down
+    assert allot(100, [10, 1000], [1, 1]) == [10, 90]  # what one cannot use goes to the other
+    assert allot(0, [5, 0, 1], [1, 0, 1]) == [2, 0, 1]  # an empty group would bias the estimate
+    assert allot(100, [3, 4], [1, 1]) == [3, 4]
+    assert allot(100, [], []) == []
+
+
+def measured(field, probes, rng, seed):
+    strata = field.strata(probes, rng)
+    return finished(measure_visibility(strata, probes, field.weigh, field.screen, field.reference, seed))
+
+
+def average_of(totals):
+    """Mean and its standard error."""
+    return np.mean(totals), np.std(totals, ddof=1) / math.sqrt(len(totals))
+
+
+@pytest.mark.parametrize("rays", [1, 2, 16])
+def test_binary_estimate_is_unbiased_and_knows_its_variance(rays):
+    rng = np.random.default_rng(3)
+    population, screened, probes = 3000, 1500, 40
+    errors = np.zeros(population)
+    errors[:300] = rng.choice([1.0, 0.5, 0.1, 0.02], 300)
+    weights = rng.uniform(0.5, 1.5, population)
+    totals, variances = [], []
+    for _ in range(2000):
+        chosen = rng.permutation(population)[:screened]
+        flagged = chosen[(rng.random((screened, rays)) < errors[chosen, None]).any(1)]
+        probed = flagged[:probes]
+        values = np.ones(len(probed))
+        halves = np.clip((1.0 - errors[probed])[:, None] + 0.01 * rng.standard_normal((len(probed), 2)), 0, 1)
+        part, _ = binary_part(
+            population, weights[chosen], len(flagged), rays, Measured(values, halves, weights[probed])
+        )
+        totals.append(part.total)
+        variances.append(part.variance + part.noise_variance)
+    mean, error = average_of(totals)
+    assert mean == pytest.approx((weights * errors**2).sum(), abs=4 * error)
+    assert np.mean(variances) == pytest.approx(np.var(totals), rel=0.1)  # sd of 2000 variances: 3%
+
+
+def test_grouped_estimate_is_unbiased_and_knows_its_variance():
+    rng = np.random.default_rng(4)
+    population, screened = 3000, 1200
+    values = rng.uniform(0.2, 0.8, population)
+    errors = 0.05 * rng.standard_normal(population)
+    errors[rng.choice(population, 60, replace=False)] = 0.19
+    weights = rng.uniform(0.5, 1.5, population)
+    totals, variances = [], []
+    for _ in range(2000):
+        chosen = rng.permutation(population)[:screened]
+        far = np.abs(errors[chosen] + 0.05 * rng.standard_normal(screened)) > 0.1
+        groups = []
+        for members, edge in ((chosen[~far], 0.1), (chosen[far], 1.0)):
+            probed = members[:60]
+            halves = (values - errors)[probed, None] + 0.02 * rng.standard_normal((len(probed), 2))
+            groups.append(Group(len(members), edge, Measured(values[probed], halves, weights[probed])))
+        part, sampling = grouped_part(population, weights[chosen], values[chosen], groups)
+        assert sum(each.sum() for each in sampling) == pytest.approx(population)
+        totals.append(part.total)
+        variances.append(part.variance + part.noise_variance)
+    mean, error = average_of(totals)
+    assert mean == pytest.approx((weights * errors**2).sum(), abs=4 * error)
+    assert np.mean(variances) == pytest.approx(np.var(totals), rel=0.15)
+
+
+MAKERS = {
+    "healthy": fields.healthy,
+    "0.05% wrong by 1": lambda rng, pixels: fields.spoilt(rng, pixels, 5e-4),
+    "0.005% wrong by 1": lambda rng, pixels: fields.spoilt(rng, pixels, 5e-5),
+    "perfect": fields.perfect,
+    "heavy tails": fields.heavy_tailed,
+    "log-normal": fields.lognormal,
+    "slight leaks": fields.slightly_leaking,
+    "rarely half wrong": fields.rarely_half_wrong,
+}
+
+
+@pytest.mark.parametrize("maker", MAKERS.values(), ids=MAKERS)
+def test_interval_holds_the_truth(maker):
+    """Nominally 95%; 90% is asked for. 200 runs at 95% are below 90% with probability 0.1%."""
+    pixels, probes, runs = 40_000, 256, 200
+    rng = np.random.default_rng(5)
+    held = 0
+    for run in range(runs):
+        if run % 10 == 0:
+            field = maker(rng, pixels)
+        error = measured(field, probes, rng, seed=run)
+        held += error.ci95[0] <= field.rmse <= error.ci95[1]
+    assert held >= 0.9 * runs
+
+
+def test_interval_is_narrow_for_common_errors_at_the_default_probes():
+    rng = np.random.default_rng(6)
+    field = fields.healthy(rng, 960 * 540)
+    error = measured(field, 2048, rng, seed=0)
+    assert field.rmse == pytest.approx(0.011, abs=5e-4)
+    assert 0.0100 < error.ci95[0] < field.rmse < error.ci95[1] < 0.0126
+    assert error.value == pytest.approx(field.rmse, rel=0.06)
+    assert error.p99 == pytest.approx(np.quantile(np.abs(field.values - field.truths), 0.99), rel=0.1)
+    assert 2000 <= error.probes <= 2048
+
+
+def test_a_naive_bootstrap_misses_rare_errors():
+    """Why all this: 2048 uniform probes with the exact truth, errors of 1 in 0.05% of the pixels. A bootstrap
+    is sure of the little that it saw."""
+    rng = np.random.default_rng(7)
+    field = fields.spoilt(rng, 200_000, 5e-4)
+    squares = (field.values - field.truths) ** 2
+    truth = math.sqrt(squares.mean())
+    held = 0
+    for _ in range(100):
+        probes = squares[rng.integers(0, len(squares), 2048)]
+        means = probes[rng.integers(0, 2048, (200, 2048))].mean(axis=1)
+        low, high = np.sqrt(np.quantile(means, [0.025, 0.975]))
+        held += low <= truth <= high
+    assert held <= 75
+
+
+def test_bias_and_largest_error_are_found():
+    rng = np.random.default_rng(8)
+    field = fields.slightly_leaking(rng, 100_000)
+    bias = np.average(field.values - field.truths, weights=field.weights)
+    found = [measured(field, 512, rng, seed).bias for seed in range(20)]
+    mean, error = average_of(found)
+    assert mean == pytest.approx(bias, abs=4 * error)
+    spoilt = fields.spoilt(rng, 100_000, 1e-3)
+    assert measured(spoilt, 512, rng, seed=1).max > 0.9
+
+
+def test_nothing_to_measure():
+    error = finished(measure_visibility([], 100, None, None, None, seed=0))
+    assert (error.value, error.ci95, error.bias, error.p99, error.max) == (0.0, (0.0, 0.0), 0.0, 0.0, 0.0)
+    assert error.probes == 0
+
+
+def test_same_seed_same_figures():
+    rng = np.random.default_rng(9)
+    field = fields.healthy(rng, 20_000)
+    strata = field.strata(128, rng)
+    first, second = (
+        finished(measure_visibility(strata, 128, field.weigh, field.screen, field.reference, 3))
+        for _ in range(2)
+    )
+    assert first.to_json() | {"seconds": 0} == second.to_json() | {"seconds": 0}
+
+
+def test_shared_looks():
+    # No group is seen whole: no second looks.
+    assert shared_looks(10, [100, 100], [100, 100], [1, 3], again=True) == [(2, 1), (7, 1)]
+    # Three in four looks are first ones; the others go to the group that is seen whole.
+    assert shared_looks(1000, [10, 5000], [10, 5000], [5000, 5000], again=True) == [(10, 26), (740, 1)]
+    assert shared_looks(4000, [10, 10], [10, 10], [1, 8], again=True) == [(10, 80), (10, 319)]
+    assert shared_looks(4000, [10, 10], [10, 10], [1, 1], again=False) == [(10, 1), (10, 1)]
+    # Pixels that were not kept are not seen.
+    assert shared_looks(4000, [10], [20], [1], again=True) == [(10, 1)]
+    assert shared_looks(100, [], [], [], again=True) == []

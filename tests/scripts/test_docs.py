@@ -1,0 +1,66 @@
+"""Documents that a machine can check: generated pages are up to date, links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+
+import pytest
+from strata.addon.effects.registry import EFFECTS
+from strata.scripts.build.docs_html import pages
+from strata.scripts.build.effect_docs import FOLDER, page
+from strata.tests.support.places import ROOT
+
+DOCUMENTS = sorted(
+    path.relative_to(ROOT).as_posix()
+    for pattern in ("*.md", "docs/**/*.md", "addon/**/*.md", "sample_blends/*.md", "tests/*.md")
+    for path in ROOT.glob(pattern)
+)
+
+
+def test_effect_pages_are_up_to_date():
+    """If not: `make docs`."""
+    assert {path.stem for path in FOLDER.glob("*.md")} == {effect.id for effect in EFFECTS}
+    for effect in EFFECTS:
+        assert (FOLDER / f"{effect.id}.md").read_text(encoding="utf-8") == page(effect), effect.id
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_links_lead_somewhere(document):
+    path = ROOT / document
+    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", path.read_text(encoding="utf-8")):
+        if not target.startswith(("http://", "https://", "mailto:")):
+            assert (path.parent / target).exists(), f"{document}: {target}"
+
+
+def test_pages_for_a_browser_link_to_each_other():
+    """What the extension carries needs no network and no repository."""
+    made = pages()
+    assert len(made) > 10
+    for name, text in made.items():
+        assert text.startswith("<!DOCTYPE html>")
+        targets = re.findall(r'href="([^"]+)"', text)
+        assert targets, name
+        for target in targets:
+            page, _, anchor = target.partition("#")
+            assert page in made, f"{name}: {target}"
+            assert not anchor or f'id="{anchor}"' in made[page], f"{name}: {target}"
+        words = re.sub(r"<code>.*?</code>|<pre>.*?</pre>|<style>.*?</style>", "", text, flags=re.DOTALL)
+        assert not re.search(r"\*\*|\]\(|^#|\|--|`", words, re.MULTILINE), f"Markdown is left over in {name}"
+
+
+def test_every_dependency_is_accounted_for():
+    text = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8").lower()
+    pins = re.findall(r"^([\w.-]+)", (ROOT / "requirements.in").read_text(), re.MULTILINE)
+    crates = (ROOT / "kernels" / "Cargo.toml").read_text().split("[dependencies]")[1].split("[")[0]
+    for name in [*pins, *re.findall(r"^(\w+) =", crates, re.MULTILINE)]:
+        assert name.lower() in text, name
+
+
+def test_readme_tells_the_make_targets_that_exist():
+    makefile = (ROOT / "Makefile").read_text()
+    told = set(re.findall(r"`?make (\w+)", (ROOT / "README.md").read_text()))
+    for target in told:
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+    dry = subprocess.run(["make", "--dry-run", "lint"], cwd=ROOT, capture_output=True, text=True)
+    assert dry.returncode == 0, dry.stderr
