@@ -1,24 +1,21 @@
 """Writes docs/stability.md: every effect times every extreme input, measured on both devices.
 
-python -m strata.scripts.bench.stability [effect ...]; fails where a cell is beyond its bound.
+python -m strata.scripts.bench.stability; fails where a cell is beyond its bound.
 """
 
 from __future__ import annotations
 
 import sys
-from importlib import import_module
-from pathlib import Path
 
 import bpy  # noqa: F401 (the gpu module comes with it)
 from strata.addon.core.errors import DeviceUnavailable
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.devices.gpu import GpuDevice
-
-ROOT = Path(__file__).resolve().parents[2]
+from strata.addon.effects.registry import EFFECTS
+from strata.scripts.bench.document import ROOT
+from strata.tests.effects.extremes import rows_of
 
 DOCUMENT = ROOT / "docs" / "stability.md"
-EFFECTS = ("soft_shadow", "volumetric_light", "toon")
-"""Whose tests have extremes; each yields its rows."""
 
 HEAD = """# Stability
 
@@ -51,10 +48,11 @@ def main() -> int:
     lines, beyond = [HEAD], 0
     started = devices()
     for effect in EFFECTS:
-        rows = list(import_module(f"strata.tests.effects.{effect}.extremes").rows(started))
+        rows = rows_of(effect.id, started)
         beyond += sum(not error <= row.bound for row in rows for error in row.errors.values())
-        lines += [f"## {effect}", "", *table(rows), ""]
-    lines.insert(1, f"CPU: {started[0].description}; GPU: {started[-1].description}.\n")
+        lines += [f"## {effect.id}", "", *table(rows), ""]
+    described = "; ".join(f"{device.name.upper()}: {device.description}" for device in started)
+    lines.insert(1, f"{described}.\n")
     DOCUMENT.write_text("\n".join(lines), encoding="utf-8")
     print(f"wrote {DOCUMENT}, {beyond} cells beyond their bounds")
     return 1 if beyond else 0

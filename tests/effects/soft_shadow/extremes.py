@@ -14,12 +14,11 @@ from strata.addon.core.view import View
 from strata.addon.effects.shared.steps import LAYERED_DEPTH, SURFACE
 from strata.addon.effects.soft_shadow import steps
 from strata.addon.effects.soft_shadow.views import light_views, too_far
-from strata.tests.effects.extreme_row import Row
+from strata.tests.effects.extremes import Row
 from strata.tests.effects.soft_shadow.scenes import GROUND, LOW, ground_points, lamp
 from strata.tests.support.closed_forms import visibility
 from strata.tests.support.gpu_scenes import scene_of
 
-EFFECT = "soft_shadow"
 TRUTH = "closed form"
 RESOLUTION, LAYERS, MAX_SAMPLES = 512, 3, 512
 BOUND = 0.01
@@ -118,14 +117,14 @@ def _row(
     points = ground_points(count=31) if points is None else points
     world = points + origin
     if refused := too_far(emitter, np.array([world.min(axis=0), world.max(axis=0)])):
-        return Row(EFFECT, extreme, TRUTH, {}, bound, refused)
+        return Row(extreme, TRUTH, {}, bound, refused)
     errors = {}
     for device in devices:
         found, at = _found(device, polygons, emitter, origin, points, camera)
         truth, weight = _truth(emitter, at, plate, origin)
         square = (weight * (found - truth) ** 2).sum() / weight.sum()
         errors[device.name] = math.sqrt(square) if np.isfinite(found).all() else math.nan
-    return Row(EFFECT, extreme, TRUTH, errors, bound)
+    return Row(extreme, TRUTH, errors, bound)
 
 
 def _sizes(devices) -> Iterator[Row]:

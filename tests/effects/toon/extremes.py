@@ -15,11 +15,10 @@ from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared.steps import SURFACE
 from strata.addon.effects.toon import steps
 from strata.addon.effects.toon.lights import packed_lights
-from strata.tests.effects.extreme_row import Row
+from strata.tests.effects.extremes import Row
 from strata.tests.effects.toon.hull_scenes import revolved
 from strata.tests.support.gpu_scenes import scene_of
 
-EFFECT = "toon"
 SIDE = 96  # pixels of an image
 DOWN = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))
 LIGHT_BOUND = 1e-5
@@ -85,7 +84,7 @@ def _facing(devices) -> Iterator[Row]:
                 linked=(None,) * count,
             )
             errors[device.name] = _largest(device.to_host(found), total / full)
-        yield Row(EFFECT, extreme, "double precision", errors, LIGHT_BOUND)
+        yield Row(extreme, "double precision", errors, LIGHT_BOUND)
 
 
 # Dots
@@ -139,7 +138,7 @@ def _dots(devices) -> Iterator[Row]:
             )
             mean = np.asarray(device.to_host(found), np.float64).mean()
             errors[device.name] = _largest(mean, 1.0 - inked)
-        yield Row(EFFECT, extreme, "area of discs", errors, DOTS_BOUND)
+        yield Row(extreme, "area of discs", errors, DOTS_BOUND)
 
 
 # Lines
@@ -210,7 +209,7 @@ def _lines(devices) -> Iterator[Row]:
         ("slivers of aspect 1e8 around its equator", _fine_ball(slit=1e-10), 1.0, 4.0, 0.0, middle, 4.0),
     ):
         errors = {d.name: _ring(d, made, radius, distance, offset, field, width) for d in devices}
-        yield Row(EFFECT, extreme, "circles", errors, LINE_BOUND)
+        yield Row(extreme, "circles", errors, LINE_BOUND)
 
 
 def rows(devices) -> Iterator[Row]:

@@ -11,10 +11,9 @@ from strata.addon.core.surface import Chunk
 from strata.addon.core.view import View
 from strata.addon.effects.volumetric_light import steps
 from strata.addon.effects.volumetric_light.sources import Source, SourceKind
-from strata.tests.effects.extreme_row import Row
+from strata.tests.effects.extremes import Row
 from strata.tests.effects.volumetric_light import airlight_truth as truth
 
-EFFECT = "volumetric_light"
 BOUND = 1e-3
 DARK = 1e-35  # below this single precision has no digits: the result has to be as dark
 LENGTH = 10.0
@@ -71,7 +70,7 @@ def _row(devices, extreme, height, before, length, medium, radius=0.0) -> Row:
     }
     exact = [by_extinction[e] * s for e, s in zip(medium.extinction, medium.scattering, strict=True)]
     errors = {d.name: _off(_along_y(d, height, before, length, medium, source), exact) for d in devices}
-    return Row(EFFECT, extreme, "forty digits", errors, BOUND)
+    return Row(extreme, "forty digits", errors, BOUND)
 
 
 def rows(devices) -> Iterator[Row]:
@@ -90,7 +89,7 @@ def rows(devices) -> Iterator[Row]:
         sun = Source(SourceKind.DISTANT, (0.0, 0.0, 0.0), (0.6, 0.0, -0.8), 1.0)
         exact = [float(truth.sun(LENGTH, sigma)) * sigma / (4.0 * math.pi)] * 3
         errors = {d.name: _off(_along_y(d, 1.0, 0.0, LENGTH, _medium(sigma), sun), exact) for d in devices}
-        yield Row(EFFECT, f"optical depth 1e{exponent}, sun", "forty digits", errors, BOUND)
+        yield Row(f"optical depth 1e{exponent}, sun", "forty digits", errors, BOUND)
     for g in (0.9999, -0.9999, 0.99, -0.99):
         for height in (2.0, 1e-2):
             name = f"anisotropy {g:g}, {POINT} {height:g} m beside it"

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import pytest
 from strata.addon.devices.cpu import CpuDevice
+from strata.addon.effects.registry import EFFECTS
+from strata.tests.effects.extremes import rows_of
 from strata.tests.support.gpu_scenes import gpu_device
 
 
-@pytest.mark.parametrize("effect", ["soft_shadow", "toon"])
+@pytest.mark.parametrize("effect", [effect.id for effect in EFFECTS])
 def test_every_extreme_is_within_its_bound(effect):
-    """volumetric_light's, against forty digits, are in test_airlight.py."""
-    count = 0
-    for row in import_module(f"strata.tests.effects.{effect}.extremes").rows([CpuDevice(), gpu_device()]):
+    rows = rows_of(effect, [CpuDevice(), gpu_device()])
+    for row in rows:
         assert row.refused or set(row.errors) == {"cpu", "gpu"}, row.extreme
         assert all(error <= row.bound for error in row.errors.values()), (row.extreme, row.errors)
-        count += 1
-    assert count > 15
+    assert len(rows) > 15
