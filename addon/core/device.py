@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
-from .emitter import Emitter
-from .surface import SurfacePoints
 from .view_rays import ViewRays
 
 
@@ -41,18 +38,14 @@ class Device(Protocol):
         """Frees what the value holds on the device."""
 
 
-@dataclass(frozen=True)
-class ShadowLight:
-    """A light and what can shadow it: `casters` (instances,) uint8, or None for everything."""
-
-    emitter: Emitter
-    casters: np.ndarray | None = None
-
-
 class RayCaster(Protocol):
-    """Visibility by rays against the true geometry; positions are relative to `origin`, (3,) float64."""
+    """Rays against the true geometry; positions are relative to `origin`, (3,) float64. `kernels` is the
+    native module and `accel` what its functions trace, both for what is asked at very many points."""
 
     origin: np.ndarray
+    kernels: Any
+    accel: Any
+    cancel_flag: Any
 
     def occluded(
         self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray
@@ -74,9 +67,3 @@ class RayCaster(Protocol):
 
     def texture(self, image: int) -> np.ndarray | None:
         """Texels (h, w, 4) of `outline.images[image]`, None where they could not be read."""
-
-    def screen(self, casters: np.ndarray, emitter: Emitter, points: SurfacePoints, seed: int) -> np.ndarray:
-        """(N, 2) uint8: two independent estimates of each point's visibility by one ray each, 0 or 1."""
-
-    def irradiance(self, emitter: Emitter, points: SurfacePoints) -> np.ndarray:
-        """(N,) float32: what each point gets at radiance 1 if nothing is in the way."""

@@ -13,10 +13,8 @@ import numpy as np
 import strata_kernels
 
 from ..core.arrays import Arrays, MeshArrays, bytes_of
-from ..core.emitter import Emitter
 from ..core.graph import Node
 from ..core.outline import Outline
-from ..core.surface import SurfacePoints
 from ..core.view import Vector
 from ..core.view_rays import ViewRays
 from .camera_rays import CameraRays
@@ -171,6 +169,8 @@ class CpuRays:
     """A RayCaster over a kernel's bounding volume hierarchy. `camera`: what `look` asks, and `value` and
     `texture` are."""
 
+    kernels = strata_kernels
+
     def __init__(
         self,
         accel: strata_kernels.Accel,
@@ -199,22 +199,3 @@ class CpuRays:
         self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray
     ) -> np.ndarray:
         return self.accel.occluded(casters, origins, directions, t_max, cancel=self.cancel_flag)
-
-    def screen(self, casters: np.ndarray, emitter: Emitter, points: SurfacePoints, seed: int) -> np.ndarray:
-        """(N, 2) uint8: two independent one-ray estimates of each point's visibility, 0 or 1."""
-        return strata_kernels.ray_screen(
-            self.accel,
-            casters,
-            emitter.packed(),
-            points.eye,
-            points.position,
-            points.geometric_normal,
-            points.shading_normal,
-            seed,
-            cancel=self.cancel_flag,
-        )
-
-    def irradiance(self, emitter: Emitter, points: SurfacePoints) -> np.ndarray:
-        """(N,) float32: what each point gets at radiance 1 if nothing is in the way."""
-        position, normal = points.position[None], points.shading_normal[None]
-        return strata_kernels.irradiance(position, normal, points.eye, emitter.packed())[0]

@@ -9,7 +9,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..core.device import ShadowLight
 from ..core.graph import PlannedLayer
 from ..core.metrics import maximum, quantile
 from ..core.outline import Outline
@@ -47,12 +46,18 @@ class VisibilityScore:
     """Of one light's visibility: RMSE weighted by the light that would arrive. Only pixels that show a
     surface count.
 
-    `reference(rays, light, points, samples, seed)`: two independent estimates (N, 2) float64 by `samples`
-    rays each, and weights (N,) float64 (effects/soft_shadow/reference.py). It is called for as many points
-    as take some hundredths of a second.
+    Each is called with a RayCaster and the light's emitter first, for as many points (core/surface.py,
+    SurfacePoints) as take some hundredths of a second; `casters` (instances,) uint8 can shadow it:
+
+    - `reference(rays, emitter, casters, points, samples, seed)`: two independent estimates (N, 2) float64 by
+      `samples` rays each, and weights (N,) float64.
+    - `screen(rays, emitter, casters, points, seed)`: (N, R) estimates by one ray each, 0 or 1.
+    - `weigh(rays, emitter, points)`: the weights (N,), unshadowed irradiance at radiance 1.
     """
 
     reference: Callable
+    screen: Callable
+    weigh: Callable
     metric: ClassVar[str] = "weighted rmse"
 
     def watch(self, layer: PlannedLayer, outline: Outline, attributes: tuple[str, ...]) -> WatchedShadow:
@@ -64,13 +69,13 @@ class VisibilityScore:
         emitter = probed.outline.lights[probed.layer.light_index].emitter
 
         def weigh(points):
-            return rays.irradiance(emitter, points)
+            return self.weigh(rays, emitter, points)
 
         def screen(points, seed):
-            return rays.screen(casters, emitter, points, seed)
+            return self.screen(rays, emitter, casters, points, seed)
 
         def reference(points, samples, seed):
-            return self.reference(rays, ShadowLight(emitter, casters), points, samples, seed)
+            return self.reference(rays, emitter, casters, points, samples, seed)
 
         strata = shadow_strata(probed.kept, np.array(probed.outline.view.eye))
         return measure_visibility(strata, probes, weigh, screen, reference, seed)

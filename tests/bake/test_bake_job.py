@@ -15,12 +15,11 @@ from strata.addon.core.errors import Cancelled, StrataError
 from strata.addon.core.outline import Bounds, Camera, Instance, Light, Material, Mesh, Outline
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared.look import COARSER, seen_boxes
+from strata.addon.effects.shared.visibility_truth import SCORE, evaluate
 from strata.addon.effects.soft_shadow import EFFECT as SOFT_SHADOW
-from strata.addon.effects.soft_shadow.reference import evaluate
 from strata.addon.effects.soft_shadow.run import needed
 from strata.addon.measure.probes import ProbeCollector
 from strata.addon.measure.report import LayerError, NotMeasured, format_table
-from strata.addon.measure.visibility import VisibilityScore
 from strata.addon.measuring import Measuring
 from strata.tests.measure.scenes import random_scene
 
@@ -235,17 +234,17 @@ WRONG_SIDE = 1.0
 def broken_for(error: BaseException):
     """The reference of soft shadows, which raises for lamps at x = WRONG_SIDE."""
 
-    def reference(rays, light, points, samples, seed):
-        if light.emitter.centre[0] == WRONG_SIDE:
+    def reference(rays, emitter, casters, points, samples, seed):
+        if emitter.centre[0] == WRONG_SIDE:
             raise error
-        return evaluate(rays, light, points, samples, seed)
+        return evaluate(rays, emitter, casters, points, samples, seed)
 
     return reference
 
 
 def two_lamps(monkeypatch, error: BaseException, **options) -> BakeJob:
     """A lamp whose shadow's reference raises, and a good one."""
-    kind = replace(SOFT_SHADOW.layers[0], score=VisibilityScore(broken_for(error)))
+    kind = replace(SOFT_SHADOW.layers[0], score=replace(SCORE, reference=broken_for(error)))
     lamps = [lamp((WRONG_SIDE, 0.0, 5.0)), replace(lamp((0.0, 0.0, 5.0)), name="Other", key="Other")]
     outline, arrays = scene_of([FLOOR, PLATE], lamps)
     job = job_of(outline, arrays, **options)

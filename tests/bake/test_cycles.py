@@ -13,7 +13,7 @@ from strata.addon.bake import Options, bake
 from strata.addon.core.metrics import weighted_bias, weighted_rmse
 from strata.addon.core.surface import SurfacePoints
 from strata.addon.devices.cpu import CpuRays
-from strata.addon.effects.soft_shadow.reference import ShadowLight, evaluate
+from strata.addon.effects.shared.visibility_truth import evaluate
 from strata.scripts.bench import airlight, cycles, scenes
 from strata.scripts.bench.methods import surface_of
 
@@ -89,7 +89,7 @@ def test_the_reference_is_what_cycles_renders(courtyard, name, share, rmse):
     casters = case.device.instance_mask(layer.casters)
     rays = CpuRays(strata_kernels.Accel(case.device.geometry(), case.eye, casters), case.eye)
     points = SurfacePoints(*surface.points, case.eye)
-    halves, irradiance = evaluate(rays, ShadowLight(emitter), points, samples=16, seed=5)
+    halves, irradiance = evaluate(rays, emitter, None, points, samples=16, seed=5)
     truth, noise = halves.mean(axis=1), 0.5 * (halves[:, 0] - halves[:, 1])
     judge = Judge.of(scene, name)
     same = judge.same_points(irradiance)

@@ -8,6 +8,7 @@ from strata.addon.core.random import hash_bits, text_bits
 from strata.addon.core.slices import finished
 from strata.addon.core.surface import Chunk, SurfacePoints
 from strata.addon.devices.cpu import CpuRays
+from strata.addon.effects.shared.visibility_truth import unshadowed
 from strata.addon.measure.difficulty import Difficulty, Ground, classify, near_changes, reach
 from strata.addon.measure.probes import ProbeCollector
 from strata.addon.measure.shadow_probes import KEPT, WatchedShadow, shadow_strata
@@ -182,7 +183,7 @@ def test_only_what_gets_no_light_is_dark(emitter):
     surface = {"position": position, "geometric_normal": normal, "shading_normal": normal}
     dark, _, brightness = reach(Ground({name: array[None] for name, array in surface.items()}), emitter, eye)
     rays = CpuRays(strata_kernels.Accel(strata_kernels.Geometry(), eye), eye)
-    weights = rays.irradiance(emitter, SurfacePoints(position, normal, normal, eye))
+    weights = unshadowed(rays, emitter, SurfacePoints(position, normal, normal, eye))
     assert (weights[dark] == 0.0).all()
     # And most of what is dark is known to be.
     assert dark.sum() > 0.8 * (weights == 0.0).sum() > 0

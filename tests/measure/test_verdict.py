@@ -28,7 +28,7 @@ from strata.addon.preview.viewport import Statistics
 from strata.addon.scene.open import choose, open_blend
 from strata.tests.support.places import SAMPLES
 
-SHADOW, LIGHT, MASK = VisibilityScore(None), LightScore(None), MaskScore(None)
+SHADOW, LIGHT, MASK = VisibilityScore(None, None, None), LightScore(None), MaskScore(None)
 
 
 def test_invisible_is_less_than_8_bits_lose_in_middle_grey():

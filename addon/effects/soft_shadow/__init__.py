@@ -1,10 +1,9 @@
 """Soft shadows from layered shadow maps; see README.md in this folder."""
 
 from ...core.effect import Blend, Effect, LayerKind
-from ...measure.visibility import VisibilityScore
+from ..shared import visibility_truth
 from .gpu_steps import variants
 from .params import Method, SoftShadowParams
-from .reference import evaluate
 from .run import needed, ruled_out, run, visibility
 
 EFFECT = Effect(
@@ -14,7 +13,7 @@ EFFECT = Effect(
         LayerKind(
             title="Soft Shadow",
             channels="V",
-            score=VisibilityScore(evaluate),
+            score=visibility_truth.SCORE,
             per_light=True,
             blend=Blend.SCALE_LIGHT,
             doc="Share of the light's irradiance that arrives: 1 is lit, 0 is in full shadow",

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.device import RayCaster, ShadowLight
+from ...core.device import RayCaster
 from ...core.emitter import EmitterKind
 from ...core.graph import PlannedLayer
 from ...core.outline import Light as Lamp
 from ...core.outline import Outline
 from ...core.surface import SurfacePoints
 from ...core.view_rays import ViewRays
-from ..shared import lit
-from ..soft_shadow.reference import evaluate as shadow_of
+from ..shared import lit, visibility_truth
 from .hull_rays import HullRays
 from .looks import excluded_instances, own_of
 from .params import NO_FADE, Anchor, Light, Mix, Normals, ShadowEdge, ToonParams
@@ -106,7 +105,7 @@ def _light(rays: RayCaster, outline: Outline, params: ToonParams, seen: ViewRays
             reached = np.isin(surface["instance"][found], sorted(lamp.receivers))
         visible = _visible(rays, outline, params, lamp, at, seed + index)
         if params.light == Light.BRIGHTNESS:
-            sent = rays.irradiance(lamp.emitter, at).astype(np.float64) * reached
+            sent = visibility_truth.unshadowed(rays, lamp.emitter, at).astype(np.float64) * reached
             brightness = max(float(np.dot((0.2126, 0.7152, 0.0722), lit.brightness(lamp))), 0.0)
             light[found] += params.exposure * brightness / np.pi * sent * visible
             full[found] = 1.0
@@ -157,7 +156,7 @@ def _visible(rays, outline, params, lamp, points: SurfacePoints, seed) -> np.nda
         casters[[i for i in range(len(casters)) if i not in lamp.casters]] = 0
     if params.shadow_edge == ShadowEdge.CRISP:
         return _sees_middle(rays, lamp.emitter, casters, points)
-    halves, _ = shadow_of(rays, ShadowLight(lamp.emitter, casters), points, SHADOW_RAYS // 2, seed)
+    halves, _ = visibility_truth.evaluate(rays, lamp.emitter, casters, points, SHADOW_RAYS // 2, seed)
     return halves.mean(axis=1)
 
 

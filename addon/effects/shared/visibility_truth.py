@@ -1,8 +1,8 @@
-"""The truth that soft shadows are scored against: many rays to stratified light samples, in float64.
+"""The truth that a lamp's visibility is scored against: many rays to stratified light samples, in float64.
 
 Written independently of the kernels (kernels/src/emitter.rs, kernels/src/rays): it has its own sampling of
 lights and its own sums, and shares only the intersection of rays with triangles. Tested against closed
-forms in tests/effects/soft_shadow/test_reference.py.
+forms in tests/effects/shared/test_visibility_truth.py.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ import math
 
 import numpy as np
 
-from ...core.device import RayCaster, ShadowLight
+from ...core.device import RayCaster
 from ...core.emitter import Emitter, EmitterKind
 from ...core.surface import SurfacePoints
+from ...measure.visibility import VisibilityScore
 
 # Points are lifted off their surface by this share of their distance to the eye, more than float32 rounds
 # them by; a pixel is some hundred times larger.
@@ -22,7 +23,12 @@ RAYS_AT_ONCE = 1 << 16  # bounds the memory of the arrays and keeps them in the 
 
 
 def evaluate(
-    rays: RayCaster, light: ShadowLight, points: SurfacePoints, samples: int = 128, seed: int = 0
+    rays: RayCaster,
+    emitter: Emitter,
+    casters: np.ndarray | None,
+    points: SurfacePoints,
+    samples: int = 128,
+    seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Two independent estimates of V, (N, 2) float64, and the weight of each point, (N,) float64.
 
@@ -30,6 +36,7 @@ def evaluate(
     or below the geometric horizon are in shadow, the cosine is the shading normal's, V is 1 where no light
     could arrive. The weight is the unshadowed irradiance at radiance 1. Each estimate takes `samples` rays,
     best a product of two similar numbers; half the mean square of their difference is the variance of one.
+    `casters` (instances,) uint8 can shadow it, None: everything.
     """
     generator = np.random.Generator(np.random.PCG64(seed))
     count = len(points.position)
@@ -37,11 +44,39 @@ def evaluate(
     step = max(1, RAYS_AT_ONCE // (2 * samples))
     for start in range(0, count, step):
         part = slice(start, start + step)
-        halves[part], weights[part] = _evaluate(rays, light, points, part, samples, generator)
+        halves[part], weights[part] = _evaluate(rays, emitter, casters, points, part, samples, generator)
     return halves, weights
 
 
-def _evaluate(rays, light, points, part, samples, generator):
+def screened(
+    rays: RayCaster, emitter: Emitter, casters: np.ndarray, points: SurfacePoints, seed: int
+) -> np.ndarray:
+    """(N, 2) uint8: two independent estimates of each point's visibility by one ray each, 0 or 1. By a
+    kernel, since many points are looked at so."""
+    return rays.kernels.ray_screen(
+        rays.accel,
+        casters,
+        emitter.packed(),
+        points.eye,
+        points.position,
+        points.geometric_normal,
+        points.shading_normal,
+        seed,
+        cancel=rays.cancel_flag,
+    )
+
+
+def unshadowed(rays: RayCaster, emitter: Emitter, points: SurfacePoints) -> np.ndarray:
+    """(N,) float32: what each point gets at radiance 1 if nothing is in the way."""
+    position, normal = points.position[None], points.shading_normal[None]
+    return rays.kernels.irradiance(position, normal, points.eye, emitter.packed())[0]
+
+
+SCORE = VisibilityScore(evaluate, screened, unshadowed)
+"""Of every layer that is a lamp's visibility."""
+
+
+def _evaluate(rays, emitter, casters, points, part, samples, generator):
     position = points.position[part].astype(np.float64)
     geometric_normal = points.geometric_normal[part].astype(np.float64)
     shading_normal = points.shading_normal[part].astype(np.float64)
@@ -53,19 +88,19 @@ def _evaluate(rays, light, points, part, samples, generator):
 
     position += LIFT * np.abs(position).max(1, keepdims=True) * geometric_normal
     world = position + points.eye
-    sample = _SAMPLERS[light.emitter.kind]
+    sample = _SAMPLERS[emitter.kind]
     unit_square = np.concatenate([_stratified(len(world), samples, generator) for _ in range(2)], 1)
     # (N, 2 * samples): from here on one row a point, first half, then second half.
-    direction, distance, measure = sample(light.emitter, world, unit_square)
+    direction, distance, measure = sample(emitter, world, unit_square)
     cosine = np.maximum(np.einsum("nsc,nc->ns", direction, shading_normal), 0.0)
-    weight = measure * cosine * _relative_radiance(light.emitter, direction)
+    weight = measure * cosine * _relative_radiance(emitter, direction)
     weight = np.where(valid[:, None] & np.isfinite(weight), weight, 0.0)
 
     leaves = np.einsum("nsc,nc->ns", direction, geometric_normal) > 0.0
     traced = leaves & (weight > 0.0)
     origins = np.repeat((world - rays.origin).astype(np.float32), 2 * samples, axis=0)
     occluded = rays.occluded(
-        light.casters,
+        casters,
         origins,
         np.ascontiguousarray(direction.reshape(-1, 3), np.float32),
         np.where(traced, distance, 0.0).astype(np.float32).reshape(-1),

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import strata_kernels as kernels
-from strata.addon.core.device import ShadowLight
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.surface import SurfacePoints
-from strata.addon.effects.soft_shadow.reference import evaluate
+from strata.addon.effects.shared.visibility_truth import evaluate
 from strata.tests.kernels.ray_scenes import AXES, LIGHTS, PLATES
 from strata.tests.support import closed_forms
 
@@ -50,7 +49,7 @@ def on_the_ground(count, seed, shading=None):
 def test_visibility_of_two_plates_is_the_closed_form(light):
     points, up, surface = on_the_ground(500, 1, shading=0.6)
     expected, irradiance = closed_forms.visibility(light, points, up, PLATES)
-    halves, weight = evaluate(Rays([0, 0, 1]), ShadowLight(light), surface, 256, 5)
+    halves, weight = evaluate(Rays([0, 0, 1]), light, None, surface, 256, 5)
     error = halves.mean(1) - expected
     noise = 0.5 * np.sqrt(np.mean((halves[:, 0] - halves[:, 1]) ** 2))
     assert 1e-4 < noise < 0.01
@@ -77,7 +76,7 @@ def test_visibility_of_two_plates_is_the_closed_form(light):
 def test_two_samplers_written_apart_agree(light):
     """What has no closed form: the kernels' samples and the reference's must converge to the same."""
     _, _, surface = on_the_ground(400, 2)
-    halves, weight = evaluate(Rays([0, 0, 1]), ShadowLight(light), surface, 400, 5)
+    halves, weight = evaluate(Rays([0, 0, 1]), light, None, surface, 400, 5)
     kernel_v, kernel_weight = kernels.ray_visibility(
         Rays(EYE).accel, None, light.packed(), EYE, surface.position, surface.geometric_normal,
         surface.shading_normal, 1024, 3,
@@ -98,20 +97,19 @@ def test_casters_and_odd_points():
     position = (points - EYE).astype(np.float32)
     position[1] = np.nan
     surface = SurfacePoints(position, geometric, np.tile(UP, (4, 1)).astype(np.float32), EYE)
-    halves, weight = evaluate(Rays(EYE), ShadowLight(light), surface)
+    halves, weight = evaluate(Rays(EYE), light, None, surface)
     assert np.all(halves[0] < 0.5)
     assert np.all(halves[1:3] == 1)  # a miss, and a point behind the light
     assert np.all(weight[1:3] == 0)
     assert np.all(halves[3] == 0)  # below the geometric horizon
     assert weight[3] > 0
-    nothing = ShadowLight(light, np.zeros(2, np.uint8))
-    free, _ = evaluate(Rays(EYE), nothing, surface)
+    free, _ = evaluate(Rays(EYE), light, np.zeros(2, np.uint8), surface)
     assert np.all(free[:3] == 1)
 
 
 def test_the_same_seed_gives_the_same_numbers():
     _, _, surface = on_the_ground(300, 3)
-    first, second, other = (evaluate(Rays(EYE), ShadowLight(LIGHTS[2]), surface, 36, s)[0] for s in (1, 1, 2))
+    first, second, other = (evaluate(Rays(EYE), LIGHTS[2], None, surface, 36, s)[0] for s in (1, 1, 2))
     np.testing.assert_array_equal(first, second)
     assert (first != other).any()
     assert (first[:, 0] != first[:, 1]).any()
@@ -119,10 +117,10 @@ def test_the_same_seed_gives_the_same_numbers():
 
 def test_two_thousand_probes_take_less_than_a_second():
     _, _, surface = on_the_ground(2048, 4)
-    rays, light = Rays(EYE), ShadowLight(LIGHTS[0])
+    rays, light = Rays(EYE), LIGHTS[0]
     seconds = []
     for _ in range(3):
         started = time.process_time()  # of both threads: the machine's other work does not count
-        evaluate(rays, light, surface)
+        evaluate(rays, light, None, surface)
         seconds.append(time.process_time() - started)
     assert min(seconds) < 1.0
