@@ -11,7 +11,7 @@ export RUSTFLAGS := $(RUSTFLAGS) --remap-path-prefix=$(CURDIR)=strata --remap-pa
 
 .PHONY: setup demo test test-interface lint bench docs extension clean
 
-setup: $(VENV)/.kernels
+setup: $(VENV)/.kernels docs
 
 $(VENV)/.packages: requirements.txt
 	@python=$$($(FIND_PYTHON)) || { echo "Strata needs Python 3.13: put python3.13 on PATH, or run 'pyenv install 3.13'." >&2; exit 2; }; \
@@ -47,14 +47,14 @@ lint: setup
 bench: setup
 	$(PYTHON) -m strata.scripts.bench.performance
 
-# docs/effects and the presets, from what the effects declare.
-docs: setup
-	$(PYTHON) -m strata.scripts.build.effect_docs
-	$(PYTHON) -m strata.scripts.build.effect_presets
+# docs/effects and the presets, from what the effects declare; no part of the repository.
+docs: $(VENV)/.kernels
+	@$(PYTHON) -m strata.scripts.build.effect_docs
+	@$(PYTHON) -m strata.scripts.build.effect_presets
 
 # dist/strata-<version>-linux_x64.zip, to install from a file in Blender's preferences.
 extension: setup
 	$(PYTHON) -m strata.scripts.build.extension
 
 clean:
-	rm -rf $(VENV) out dist build *.egg-info kernels/target .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) out dist build docs/effects addon/ui/presets *.egg-info kernels/target .pytest_cache .ruff_cache .hypothesis

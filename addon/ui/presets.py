@@ -1,6 +1,7 @@
 """Presets of each effect's settings, Blender's own kind: a list in the effect's header.
 
-Those that Strata brings are the files in `presets/`, written by scripts/build/effect_presets.py.
+Those that Strata brings are the files in `presets/`, which scripts/build/effect_presets.py makes of what the
+effects declare.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ import re
 from pathlib import Path, PurePosixPath
 
 from strata.addon.effects.registry import EFFECTS
+from strata.scripts.build.effect_docs import page
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = {
@@ -39,7 +40,8 @@ a { color: #06c; }
 
 def pages() -> dict[str, str]:
     """HTML by file name, all in one folder."""
-    texts = {source: (ROOT / source).read_text(encoding="utf-8") for source in DOCUMENTS}
+    made = {f"docs/effects/{effect.id}.md": page(effect) for effect in EFFECTS}
+    texts = {source: made.get(source) or (ROOT / source).read_text("utf-8") for source in DOCUMENTS}
     found = {DOCUMENTS[source]: _page(source, text) for source, text in texts.items()}
     found[INDEX] = _page("README.md", _index(texts))
     return found

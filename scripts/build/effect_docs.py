@@ -1,4 +1,4 @@
-"""Writes docs/effects/<effect>.md from what the effects declare. `make docs` runs it; a test compares."""
+"""docs/effects/<effect>.md, from what the effects declare; `make setup` writes them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def page(effect: Effect) -> str:
             f"Source: {effect.source}.",
             *_notes(effect),
             "",
-            "<!-- Written by `make docs` from the effect's declaration: change that. -->",
+            "<!-- Written by `make setup` from the effect's declaration: change that. -->",
             "",
             "## Layers",
             "",

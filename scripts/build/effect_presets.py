@@ -1,18 +1,21 @@
-"""Writes the presets that Blender lists, from what the effects declare. `make docs`; a test compares."""
+"""The presets that Blender lists, from what the effects declare; `make setup` writes them."""
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 from strata.addon.core.effect import Effect
 from strata.addon.effects.registry import EFFECTS
 
-FOLDER = Path(__file__).resolve().parents[2] / "addon" / "ui" / "presets" / "strata"
+FOLDER = Path(__file__).resolve().parents[2] / "addon" / "ui" / "presets"
 
 
 def presets() -> dict[str, str]:
     """What each file holds, by its path below FOLDER."""
-    return {f"{effect.id}/{name}.py": _text(effect, name) for effect in EFFECTS for name in effect.presets}
+    return {
+        f"strata/{effect.id}/{name}.py": _text(effect, name) for effect in EFFECTS for name in effect.presets
+    }
 
 
 def _text(effect: Effect, name: str) -> str:
@@ -27,13 +30,13 @@ def _text(effect: Effect, name: str) -> str:
     return "\n".join([*lines, ""])
 
 
-def main() -> None:
-    for path in FOLDER.glob("*/*.py"):
-        path.unlink()
+def write(folder: Path = FOLDER) -> None:
+    """All of them anew; nothing else stays in `folder`."""
+    shutil.rmtree(folder, ignore_errors=True)
     for name, text in presets().items():
-        (FOLDER / name).parent.mkdir(parents=True, exist_ok=True)
-        (FOLDER / name).write_text(text, encoding="utf-8")
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    write()

@@ -15,10 +15,12 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from strata.scripts.build.docs_html import pages
+from strata.scripts.build.effect_presets import presets
 
 ROOT = Path(__file__).resolve().parents[2]
 STAGE = ROOT / "build" / "extension"
 DIST = ROOT / "dist"
+PRESETS = "addon/ui/presets"  # where `make setup` writes them; the zip's are made anew
 # The kernels' source travels with their binary: whoever gets the one gets the other.
 SOURCES = (
     "__init__.py", "LICENSE", "addon/**/*.py", "addon/**/*.glsl", "ops/*.py",
@@ -26,15 +28,16 @@ SOURCES = (
 )  # fmt: skip
 
 
-def documentation() -> dict[str, str]:
-    """Pages for a browser by their paths in the zip, docs/index.html the first."""
-    return {f"docs/{name}": text for name, text in pages().items()}
+def generated() -> dict[str, str]:
+    """By their paths in the zip: pages for a browser, docs/index.html the first, and presets."""
+    documents = {f"docs/{name}": text for name, text in pages().items()}
+    return documents | {f"{PRESETS}/{name}": text for name, text in presets().items()}
 
 
 def source_files(root: Path = ROOT) -> list[str]:
-    """Paths, relative to `root`, of everything in the zip but the manifest, the wheels and the pages."""
-    found = {path for pattern in SOURCES for path in root.glob(pattern)}
-    return sorted(path.relative_to(root).as_posix() for path in found)
+    """Paths, relative to `root`, of everything in the zip but the manifest, the wheels and what is made."""
+    found = {path.relative_to(root).as_posix() for pattern in SOURCES for path in root.glob(pattern)}
+    return sorted(path for path in found if not path.startswith(f"{PRESETS}/"))
 
 
 def blender_ext(*words: str) -> None:
@@ -63,7 +66,7 @@ def stage() -> Path:
     for path in paths:
         (STAGE / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / path, STAGE / path)
-    for path, text in documentation().items():
+    for path, text in generated().items():
         (STAGE / path).parent.mkdir(parents=True, exist_ok=True)
         (STAGE / path).write_text(text, encoding="utf-8")
         paths.append(path)

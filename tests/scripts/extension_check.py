@@ -134,6 +134,7 @@ def check(archive: str, scene: str, output: str) -> None:
         repo="user_default", filepath=archive, enable_on_install=True, overwrite=True
     )
     assert MODULE in bpy.context.preferences.addons, "not enabled"
+    assert bpy.utils.preset_find("Draft", "strata/soft_shadow"), "no presets are listed"
     print("installed and enabled")
 
     bpy.ops.wm.open_mainfile(filepath=scene)

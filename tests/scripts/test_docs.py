@@ -1,4 +1,4 @@
-"""Documents that a machine can check: generated pages are up to date, links lead somewhere."""
+"""Documents that a machine can check: effects' pages name all that they declare, links lead somewhere."""
 
 from __future__ import annotations
 
@@ -8,29 +8,38 @@ import subprocess
 import pytest
 from strata.addon.effects.registry import EFFECTS
 from strata.scripts.build.docs_html import pages
-from strata.scripts.build.effect_docs import FOLDER, page
+from strata.scripts.build.effect_docs import FOLDER, page, steps_of
 from strata.tests.support.places import ROOT
 
+# As they are in the repository: what is made of them is not.
 DOCUMENTS = sorted(
     path.relative_to(ROOT).as_posix()
     for pattern in ("*.md", "docs/**/*.md", "addon/**/*.md", "sample_blends/*.md", "tests/*.md")
     for path in ROOT.glob(pattern)
+    if FOLDER not in path.parents
 )
 
 
-def test_effect_pages_are_up_to_date():
-    """If not: `make docs`."""
-    assert {path.stem for path in FOLDER.glob("*.md")} == {effect.id for effect in EFFECTS}
-    for effect in EFFECTS:
-        assert (FOLDER / f"{effect.id}.md").read_text(encoding="utf-8") == page(effect), effect.id
+def links(text: str) -> list[str]:
+    """Those that lead to files, without what is behind a #."""
+    found = re.findall(r"\]\(([^)#\s]+)[^)]*\)", text)
+    return [target for target in found if not target.startswith(("http://", "https://", "mailto:"))]
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.id)
+def test_effect_pages_name_every_layer_parameter_and_step(effect):
+    rows = re.findall(r"^\| ([^|]+) \|", page(effect), re.MULTILINE)
+    assert {f"`{thing.name}`" for thing in (*effect.params.specs(), *steps_of(effect))} < set(rows)
+    assert all(any(row.startswith(kind.title) for row in rows) for kind in effect.layers)
+    for target in links(page(effect)):
+        assert (FOLDER / target).resolve().exists(), target
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
 def test_links_lead_somewhere(document):
     path = ROOT / document
-    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", path.read_text(encoding="utf-8")):
-        if not target.startswith(("http://", "https://", "mailto:")):
-            assert (path.parent / target).exists(), f"{document}: {target}"
+    for target in links(path.read_text(encoding="utf-8")):
+        assert (path.parent / target).exists(), f"{document}: {target}"
 
 
 def test_pages_for_a_browser_link_to_each_other():
