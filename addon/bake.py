@@ -294,7 +294,7 @@ class BakeJob:
 
 
 def _is_composite(layer: PlannedLayer) -> bool:
-    return not layer.effect and layer.light_index is None
+    return not layer.effect and not layer.of.is_lamp
 
 
 def read_depsgraph(

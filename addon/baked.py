@@ -62,17 +62,17 @@ def put_together(
         )
         error = errors[layer.name].to_json() if layer.name in errors else {}
         params = chosen[layer.effect]
-        if layer.light_index is not None:
-            params = outline.lights[layer.light_index].params_for(layer.effect, params)
+        if layer.of.is_lamp:
+            params = outline.lights[layer.of.index].params_for(layer.effect, params)
         layers.append(
             Layer(
                 layer.name,
                 layer.channels,
                 # Nothing is known outside a render region: what changes nothing there stands for it.
-                outline.framed(execution.images[layer.name], layer.blend.neutral),
+                outline.framed(execution.images[layer.name], layer.role.neutral),
                 layer.effect,
                 layer.light,
-                layer.light_index,
+                layer.of,
                 costs[layer.name][0],
                 error,
                 params.as_dict(),
@@ -121,7 +121,7 @@ def put_together(
         outline.stamp,
     )
     pictures = {
-        layer.light_index: outline.framed(execution.images[layer.name])
+        layer.of.index if layer.of.is_lamp else None: outline.framed(execution.images[layer.name])
         for layer in graph.layers
         if not layer.effect
     }

@@ -13,6 +13,7 @@ from .core.emitter import EmitterKind
 from .core.errors import StrataError
 from .core.naming import layer_name
 from .core.outline import Light, Outline, emitter_measure
+from .core.roles import Subject
 from .core.sequence import SequenceLayer
 from .effects.registry import EFFECTS
 
@@ -111,8 +112,8 @@ class _Candidates:
             layer_name(kind.title, lamp): (effect, kind, lamp)
             for effect in options.chosen()
             for kind in effect.layers
-            if kind.per_light or options.lights is None
-            for lamp in ([named.pass_name for named in lamps] if kind.per_light else [""])
+            if kind.of is Subject.LAMP or options.lights is None
+            for lamp in ([named.pass_name for named in lamps] if kind.of is Subject.LAMP else [""])
         }
         still = frozenset(n.pass_name for n in lamps if not changing.is_animated(n.lamp.data))
         complete = not (changing.settings_may_change(scene) or changing.may_make_lamps())

@@ -4,29 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import Any
 
 from .params import Params, in_words
+from .roles import Role, Subject
 from .score import Score
 from .shader import Shader
-
-
-class Blend(Enum):
-    """How a layer joins the composite (effects/shared/composite.py). SCALE_LIGHT multiplies what its one
-    light sends (a shadow); MULTIPLY multiplies all light that comes from surfaces (a transmittance); ADD adds
-    light (scattering); OVER lies over the picture by its alpha, premultiplied. NONE: it does not."""
-
-    NONE = "none"
-    SCALE_LIGHT = "scale light"
-    MULTIPLY = "multiply"
-    ADD = "add"
-    OVER = "over"
-
-    @property
-    def neutral(self) -> float:
-        """What a layer is everywhere where it has nothing to say: joined, it changes nothing."""
-        return 1.0 if self in (Blend.SCALE_LIGHT, Blend.MULTIPLY) else 0.0
 
 
 def no_shaders() -> Iterable[Shader]:
@@ -36,8 +19,8 @@ def no_shaders() -> Iterable[Shader]:
 
 @dataclass(frozen=True)
 class LayerKind:
-    """The layers an effect makes: one a light (`per_light`) or one. `title` is the pass name's first part,
-    `channels` one letter each, "V" or "RGB"; `blend` says how they join the composite.
+    """The layers an effect makes: one for each that they are `of`. `title` is the pass name's first part,
+    `channels` one letter each, "V" or "RGB"; `role` is what they are to the picture.
 
     `score` tells how wrong they are (core/score.py); None: nobody measures them.
     """
@@ -45,9 +28,13 @@ class LayerKind:
     title: str
     channels: str
     score: Score | None = None
-    per_light: bool = False
-    blend: Blend = Blend.NONE
+    of: Subject = Subject.NOTHING
+    role: Role = Role.NONE
     doc: str = ""
+
+    def __post_init__(self):
+        if self.role.needs_lamp and self.of is not Subject.LAMP:
+            raise ValueError(f"'{self.title}' is {self.role.value}, and of no lamp")
 
 
 def not_ruled_out(kind: LayerKind, light: Any, params: Any, has_media: bool) -> bool:

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from .effect import Blend, LayerKind
+from .effect import LayerKind
 from .outline import Outline
 from .params import Params
+from .roles import THE_IMAGE, Of, Role
 
 
 @dataclass(frozen=True)
@@ -144,10 +145,9 @@ class LeftOut:
 @dataclass(frozen=True)
 class PlannedLayer:
     """An image that the graph makes. `name` is unique and safe for a file; `effect` is the effect's id, empty
-    for a picture that is no baked layer; `params` are the effect's. `light` is the light's own name,
-    `light_index` its place in Outline.lights, None where there is no one light; `casters` are the instances
-    that can block it into view. `is_whole`: not so where other graphs' layers of that name are still to be
-    added to it."""
+    for a picture that is no baked layer; `params` are the effect's. `of`: the lamp that it is of, or what
+    else, and `light` that lamp's own name; `casters` are the instances that can block its light into view.
+    `is_whole`: not so where other graphs' layers of that name are still to be added to it."""
 
     name: str
     effect: str
@@ -155,7 +155,7 @@ class PlannedLayer:
     kind: LayerKind
     params: Params | None = None
     light: str = ""
-    light_index: int | None = None
+    of: Of = THE_IMAGE
     casters: frozenset[int] = frozenset()
     is_whole: bool = True
 
@@ -165,9 +165,9 @@ class PlannedLayer:
         return self.kind.channels
 
     @property
-    def blend(self) -> Blend:
-        """How it joins the composite."""
-        return self.kind.blend
+    def role(self) -> Role:
+        """What it is to the picture."""
+        return self.kind.role
 
 
 @dataclass(frozen=True)

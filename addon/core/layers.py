@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from .roles import THE_IMAGE, Of
+
 COLOUR_CHANNELS = ("RGB", "RGBA")
 
 
@@ -18,8 +20,8 @@ class Layer:
     `channels` names them in order, one letter each ("V", "RGBA", "XYZ"). `pixels` is float32, (height, width)
     for one channel and (height, width, channels) for more; row 0 is the bottom row. C-contiguous, or a view
     with no strides of one value (np.broadcast_to), which costs no memory and next to nothing to write.
-    `light` is the light's own name, `light_index` its place in Outline.lights (None where there is no one
-    light). `error` is the report's entry for this layer, `settings` the effect's parameters as plain values.
+    `of`: the lamp that it is of, or what else; `light` is that lamp's own name. `error` is the report's entry
+    for this layer, `settings` the effect's parameters as plain values.
     `view_layer` is where it belongs, empty for the set's.
     """
 
@@ -28,7 +30,7 @@ class Layer:
     pixels: np.ndarray
     effect: str
     light: str = ""
-    light_index: int | None = None
+    of: Of = THE_IMAGE
     seconds: float = 0.0
     error: dict[str, Any] = field(default_factory=dict)
     settings: dict[str, Any] = field(default_factory=dict)

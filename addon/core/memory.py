@@ -119,12 +119,10 @@ class _Unit:
 def _units(graph: Graph) -> list[_Unit]:
     """First those that need no layer of a lamp, then lamp by lamp, then layers of no lamp."""
     units: list[tuple[float, _Unit]] = []
-    lamps = {
-        layer.node.key: np.inf if layer.light_index is None else layer.light_index for layer in graph.layers
-    }
+    lamps = {layer.node.key: layer.of.index if layer.of.is_lamp else np.inf for layer in graph.layers}
     for layer in graph.layers:
         node = layer.node
-        if layer.effect or layer.light_index is not None or node.step.sum is None:
+        if layer.effect or layer.of.is_lamp or node.step.sum is None:
             units.append((lamps[node.key], _Unit(layer, None, (node,))))
             continue
         terms = node.step.sum.terms(node)

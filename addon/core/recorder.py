@@ -10,6 +10,7 @@ from .graph import Graph, LeftOut, Node, PlannedLayer, Step
 from .naming import lamp_pass_name, layer_name, named_some
 from .outline import Outline
 from .params import Params
+from .roles import Of, Subject
 
 # What a surface's attribute asks of the extraction, beyond positions.
 NEEDED_FOR = {"shading_normal": "corner_normals", "uv": "uv"}
@@ -84,22 +85,26 @@ class Recorder:
         self,
         kind: LayerKind,
         node: Node,
-        light_index: int | None = None,
+        of: Of | None = None,
         casters: frozenset[int] = frozenset(),
     ) -> None:
-        """Declares an image made by `node`; `casters` are the instances that its reference has to trace."""
-        if self.effect and not (self._wants_others if light_index is None else light_index in self.lamps):
+        """Declares an image made by `node`; `of`: which lamp or object, of a kind that is of one; `casters`
+        are the instances that its reference has to trace."""
+        of = of or Of(kind.of)
+        if self.effect and not (of.index in self.lamps if of.is_lamp else self._wants_others):
             return
         self.reads_instances(casters)
-        light, lamp = "", ""
-        if light_index is not None:
-            named = self.outline.lights[light_index]
-            light, lamp = named.name, named.pass_name or lamp_pass_name(named.name, named.key)
-        name = layer_name(kind.title, lamp)
+        light = whose = ""
+        if of.is_lamp:
+            named = self.outline.lights[of.index]
+            light, whose = named.name, named.pass_name or lamp_pass_name(named.name, named.key)
+        elif of.subject is Subject.OBJECT:
+            whose = self.outline.instances[of.index].name
+        name = layer_name(kind.title, whose)
         if any(layer.name == name for layer in self._layers):
             raise ValueError(f"two layers are called '{name}'")
         effect = self.effect.id if self.effect else ""
-        layer = PlannedLayer(name, effect, node, kind, self.params, light, light_index, casters)
+        layer = PlannedLayer(name, effect, node, kind, self.params, light, of, casters)
         self._layers.append(layer)
 
     def source(self, name: str, light_index: int):
@@ -141,7 +146,7 @@ def plan(
         recorder.effect, recorder.params = effect, params
         if reason := effect.needed(outline):
             recorder.left_out(effect.title, reason)
-        elif lamps is not None and not any(kind.per_light for kind in effect.layers):
+        elif lamps is not None and not any(kind.of is Subject.LAMP for kind in effect.layers):
             recorder.left_out(effect.title, "only lamps' layers were asked for")
         else:
             effect.run(recorder, outline, params)

@@ -33,7 +33,7 @@ class SequenceLayer:
         """For a frame of `size`, width and height, that does not need it. Its pixels are one number, repeated
         by strides of 0."""
         depth = () if len(self.kind.channels) == 1 else (len(self.kind.channels),)
-        value = np.float32(self.kind.blend.neutral)
+        value = np.float32(self.kind.role.neutral)
         pixels = np.broadcast_to(value, (size[1], size[0], *depth))
         return Layer(self.name, self.kind.channels, pixels, self.effect, self.light, settings=settings)
 
@@ -48,7 +48,7 @@ def with_neutral(
     left_out = tuple(
         LeftOut(
             layer.name,
-            f"neutral ({layer.kind.blend.neutral:g}), other frames need it: {_reason(layer, graph, outline)}",
+            f"neutral ({layer.kind.role.neutral:g}), other frames need it: {_reason(layer, graph, outline)}",
             layer.effect,
             layer.light,
         )

@@ -9,10 +9,10 @@ import bpy
 import numpy as np
 
 from ..bake import Baked
-from ..core.effect import Blend
 from ..core.layers import COLOUR_CHANNELS
 from ..core.naming import layer_name
 from ..core.outline import Light, Outline
+from ..core.roles import Role, Subject
 from ..effects.registry import EFFECTS
 from ..scene.changing import is_animated, is_surely_hidden
 from ..scene.lamp_names import LampNames, NamedLamp
@@ -66,12 +66,12 @@ def registered(
             continue
         for kind in effect.layers:
             names = [""]
-            if kind.per_light:
-                shadows = kind.blend == Blend.SCALE_LIGHT
+            if kind.of is Subject.LAMP:
+                shadows = kind.role is Role.VISIBILITY
                 names = [named.pass_name for named in there if not shadows or _may_shadow(named)]
                 names += [light.pass_name for light in made if not shadows or light.casts_shadow]
             for name in names:
-                yield PassKind(layer_name(kind.title, name), kind.channels, kind.blend.neutral)
+                yield PassKind(layer_name(kind.title, name), kind.channels, kind.role.neutral)
 
 
 def _may_shadow(named: NamedLamp) -> bool:

@@ -9,8 +9,8 @@ from pathlib import Path
 import bpy
 
 from ..core.culling import UNREACHED, WITHOUT_CASTERS
-from ..core.effect import Blend
 from ..core.errors import StrataError
+from ..core.roles import Role
 from ..effects.registry import EFFECTS
 from ..scene import light_groups
 from ..scene.light_groups import Division
@@ -31,7 +31,7 @@ from .shadow_nodes import (
 )
 
 _NO_LAMP = "no lamp that renders has it"
-_TITLES = tuple(kind.title for effect in EFFECTS for kind in effect.layers if kind.blend == Blend.SCALE_LIGHT)
+_TITLES = tuple(kind.title for effect in EFFECTS for kind in effect.layers if kind.role is Role.VISIBILITY)
 """Those of shadows."""
 
 

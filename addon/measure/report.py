@@ -237,8 +237,8 @@ def _judged(layer: PlannedLayer, error: LayerError | NotMeasured | None, outline
     words = worded(score.rms(error.value), score.rms(error.ci95[1]))
     if words == Verdict.INVISIBLE.value:
         return {"verdict": words}
-    if params is not None and layer.light_index is not None:
-        params = outline.lights[layer.light_index].params_for(layer.effect, params)
+    if params is not None and layer.of.is_lamp:
+        params = outline.lights[layer.of.index].params_for(layer.effect, params)
     settings = score.lowered_by(params)
     told = advice(settings, type(params) if params is not None else None)
     return {"verdict": words, "lowered_by": settings, "advice": told}

@@ -61,12 +61,12 @@ class VisibilityScore:
     metric: ClassVar[str] = "weighted rmse"
 
     def watch(self, layer: PlannedLayer, outline: Outline, attributes: tuple[str, ...]) -> WatchedShadow:
-        light, eye = outline.lights[layer.light_index], np.array(outline.view.eye)
+        light, eye = outline.lights[layer.of.index], np.array(outline.view.eye)
         return WatchedShadow(layer.name, layer.effect, light.emitter, eye, light.receivers)
 
     def measure(self, probed: Probed, probes: int, seed: int) -> Generator[None, None, LayerError]:
         rays, casters = probed.rays, probed.casters
-        emitter = probed.outline.lights[probed.layer.light_index].emitter
+        emitter = probed.outline.lights[probed.layer.of.index].emitter
 
         def weigh(points):
             return self.weigh(rays, emitter, points)

@@ -64,7 +64,7 @@ class Picture:
 def layer_of(graph: Graph, name: str) -> PlannedLayer | None:
     """The layer to show: the named one, or the composite, which has neither effect nor light."""
     for layer in graph.layers:
-        if layer.name == name if name else not layer.effect and layer.light_index is None:
+        if layer.name == name if name else not layer.effect and not layer.of.is_lamp:
             return layer
     return None
 

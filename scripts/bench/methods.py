@@ -103,7 +103,7 @@ def traced(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Visibility and unshadowed irradiance at radiance 1, (N,) float32, of the case's only layer."""
     (layer,) = case.graph.layers
-    emitter = case.outline.lights[layer.light_index].emitter
+    emitter = case.outline.lights[layer.of.index].emitter
     return strata_kernels.ray_visibility(
         accelerator, None, emitter.packed(), case.eye, *surface.points, samples, seed
     )

@@ -66,7 +66,7 @@ def search_texels(case: Case, surface: Surface, weight: np.ndarray) -> tuple[flo
     casters = case.device.instance_mask(node.params["casters"])
     depths = strata_kernels.layered_depth(case.device.geometry(), casters, view.packed(), layers, side, side)
     (layer,) = case.graph.layers
-    emitter = case.outline.lights[layer.light_index].emitter
+    emitter = case.outline.lights[layer.of.index].emitter
     left, right, bottom, top = view.window
     texels_per_slope = side / (right - left)
     lit = np.flatnonzero(weight > 0.0)

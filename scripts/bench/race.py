@@ -65,7 +65,7 @@ class Embree:
 
     def __post_init__(self):
         (layer,) = self.case.graph.layers
-        self.emitter = self.case.outline.lights[layer.light_index].emitter
+        self.emitter = self.case.outline.lights[layer.of.index].emitter
         self.triangles = embree.flattened(self.case.arrays, self.case.outline, layer.casters, self.case.eye)
 
     def __call__(self) -> dict[str, float]:

@@ -10,6 +10,7 @@ from strata.addon.core.effect import Effect
 from strata.addon.core.graph import Step
 from strata.addon.core.params import Colour, ParamSpec, plain
 from strata.addon.core.ramp import Ramp
+from strata.addon.core.roles import Subject
 from strata.addon.effects.registry import EFFECTS
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "effects"
@@ -67,8 +68,8 @@ def _table(head: list[str], rows) -> list[str]:
 
 
 def _layer_row(kind) -> list[str]:
-    name = f"{kind.title} *light*" if kind.per_light else kind.title
-    return [name, kind.channels, "each light" if kind.per_light else "the image", kind.score.metric, kind.doc]
+    name = f"{kind.title} *light*" if kind.of is Subject.LAMP else kind.title
+    return [name, kind.channels, kind.of.value, kind.score.metric, kind.doc]
 
 
 def _parameter_row(spec: ParamSpec) -> list[str]:

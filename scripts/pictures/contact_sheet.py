@@ -34,7 +34,7 @@ def label_font(size: int, weight: str = "Regular") -> ImageFont.FreeTypeFont:
 def composite(layers: tuple[Layer, ...], lit: dict[int, np.ndarray]) -> np.ndarray:
     """Linear (height, width, 3): each light's unshadowed diffuse radiance, by light index, times its shadow
     layer."""
-    shadows = {layer.light_index: layer.pixels for layer in layers if layer.channels == "V"}
+    shadows = {layer.of.index: layer.pixels for layer in layers if layer.channels == "V"}
     total = np.zeros((*next(iter(lit.values())).shape[:2], 3), np.float32)
     for index, radiance in lit.items():
         visible = shadows[index][:, :, None] if index in shadows else 1.0

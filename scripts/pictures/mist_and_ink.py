@@ -45,9 +45,7 @@ def picture(size: tuple[int, int], samples: int, method: str) -> np.ndarray:
     *read, _ = read_scene(scene, scene.view_layers[0], options, size=size)
     baked = BakeJob(*read, options).result()
     layers = baked.layers.layers
-    shadows = {
-        layer.light_index: layer.pixels[..., None] for layer in layers if layer.effect == "soft_shadow"
-    }
+    shadows = {layer.of.index: layer.pixels[..., None] for layer in layers if layer.effect == "soft_shadow"}
     picture = sum(
         lit[..., :3] * (shadows.get(index, 1.0) * (1.0 - AMBIENT) + AMBIENT)
         for index, lit in baked.lit.items()

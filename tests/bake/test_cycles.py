@@ -85,7 +85,7 @@ def test_the_reference_is_what_cycles_renders(courtyard, name, share, rmse):
     scene, case = courtyard
     surface, _ = surface_of(case)
     layer = next(layer for layer in case.graph.layers if layer.light == name)
-    emitter = case.outline.lights[layer.light_index].emitter
+    emitter = case.outline.lights[layer.of.index].emitter
     casters = case.device.instance_mask(layer.casters)
     rays = CpuRays(strata_kernels.Accel(case.device.geometry(), case.eye, casters), case.eye)
     points = SurfacePoints(*surface.points, case.eye)

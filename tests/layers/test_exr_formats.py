@@ -15,6 +15,7 @@ import pytest
 import strata
 from strata.addon.core.errors import StrataError
 from strata.addon.core.layers import Layer, LayerSet
+from strata.addon.core.roles import Of
 from strata.addon.layers import openimageio
 from strata.addon.layers.exr import LARGEST_HALF, write_layers
 from strata.addon.layers.exr_params import ExrParams
@@ -39,7 +40,7 @@ def a_set() -> tuple[LayerSet, np.ndarray]:
     """A shadow, light, a depth that half would ruin and a layer of one value; and a composite."""
     depth = 100.0 + smooth("Z", 3)
     layers = (
-        Layer("Soft Shadow Key", "V", smooth("V", 1), "soft_shadow", "Key", 0, 0.5, {"value": 0.01}),
+        Layer("Soft Shadow Key", "V", smooth("V", 1), "soft_shadow", "Key", Of.lamp(0), 0.5, {"value": 0.01}),
         Layer("Glow", "RGB", smooth("RGB", 2), "glow", seconds=0.25),
         Layer("Depth", "Z", depth, "depth"),
         Layer("Soft Shadow Off", "V", np.broadcast_to(np.float32(1.0), (HEIGHT, WIDTH)), "soft_shadow"),

@@ -9,6 +9,7 @@ import bpy
 import pytest
 import strata
 from strata.addon.core.naming import LONGEST, LONGEST_TITLE, layer_name, named_some, some_frames
+from strata.addon.core.roles import Subject
 from strata.addon.effects.registry import EFFECTS
 from strata.addon.engine import passes
 from strata.addon.layers.shadow_nodes import GROUP_NAME
@@ -108,7 +109,7 @@ def test_odd_names_are_safe_short_and_apart(scene):
 
 def test_titles_leave_room_and_are_not_taken_for_one_another():
     titles = [kind.title for effect in EFFECTS for kind in effect.layers]
-    of_lamps = [kind.title for effect in EFFECTS for kind in effect.layers if kind.per_light]
+    of_lamps = [kind.title for effect in EFFECTS for kind in effect.layers if kind.of is Subject.LAMP]
     assert all(len(title.encode()) <= LONGEST_TITLE for title in of_lamps)
     assert not [(a, b) for a in of_lamps for b in titles if b.startswith(f"{a} ")]
 

@@ -19,6 +19,7 @@ from PIL import Image
 from strata.addon.core.errors import StrataError
 from strata.addon.core.layers import Layer, LayerSet
 from strata.addon.core.naming import LONGEST, lamp_pass_name, layer_name
+from strata.addon.core.roles import Of
 from strata.addon.layers.exr import write_layers
 from strata.addon.layers.exr_params import ExrParams
 from strata.addon.layers.files import check_writable, replaced
@@ -39,7 +40,9 @@ def pixels(channels: str, seed: int = 0) -> np.ndarray:
 
 
 def layer(name: str, channels: str = "V", light: str = "", seed: int = 0) -> Layer:
-    return Layer(name, channels, pixels(channels, seed), "soft_shadow", light, 0, 0.25, ERROR, {"layers": 3})
+    return Layer(
+        name, channels, pixels(channels, seed), "soft_shadow", light, Of.lamp(0), 0.25, ERROR, {"layers": 3}
+    )
 
 
 def layer_set(*layers: Layer, view_layer: str = "ViewLayer", space: str = "Linear Rec.709") -> LayerSet:
@@ -377,7 +380,9 @@ def test_images_are_saved_with_the_file_and_undone_with_the_rest(scene, tmp_path
 def test_contact_sheet_multiplies_each_light_by_its_own_shadow(tmp_path):
     from strata.scripts.pictures.contact_sheet import AMBIENT, composite, error_lines, save_contact_sheet
 
-    shadow = Layer("Soft Shadow Key", "V", np.zeros((HEIGHT, WIDTH), np.float32), "soft_shadow", "Key", 0)
+    shadow = Layer(
+        "Soft Shadow Key", "V", np.zeros((HEIGHT, WIDTH), np.float32), "soft_shadow", "Key", Of.lamp(0)
+    )
     lit = {
         0: np.full((HEIGHT, WIDTH, 3), 2.0, np.float32),
         1: np.full((HEIGHT, WIDTH, 3), 3.0, np.float32),  # its layer was left out: nothing shadows it

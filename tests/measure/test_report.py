@@ -10,6 +10,7 @@ import types
 import numpy as np
 import pytest
 from strata.addon.core.graph import Graph, LeftOut, Node, PlannedLayer, Step
+from strata.addon.core.roles import Of
 from strata.addon.core.version import VERSION
 from strata.addon.effects.shared.lit import LIT
 from strata.addon.effects.soft_shadow import EFFECT
@@ -45,7 +46,8 @@ NAMES = ["Soft Shadow Key", "Soft Shadow Fill"]
 def report(**changes) -> Report:
     node = Node(Step("soft_shadow/visibility"), "Key", (), {})
     layers = [
-        PlannedLayer(name, "soft_shadow", node, EFFECT.layers[0], None, name.split()[-1], 0) for name in NAMES
+        PlannedLayer(name, "soft_shadow", node, EFFECT.layers[0], None, name.split()[-1], Of.lamp(0))
+        for name in NAMES
     ]
     image = np.ones((540, 960), np.float32)
     spoilt = image.copy()

@@ -12,7 +12,7 @@ from strata.addon.core.layers import Layer, LayerSet
 
 
 def read_layers(path: str | Path) -> LayerSet:
-    """All that `write_layers` wrote, except `light_index`."""
+    """All that `write_layers` wrote, except `of`."""
     with OpenEXR.File(str(path), separate_channels=True) as file:
         parts = [(part.name(), dict(part.header), _planes(part)) for part in file.parts]
     first = parts[0][1]

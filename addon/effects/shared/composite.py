@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from ...core.culling import around, boxes_of, receivers_in_view
-from ...core.effect import Blend, LayerKind
+from ...core.effect import LayerKind
 from ...core.graph import Node
 from ...core.outline import Outline
 from ...core.recorder import Recorder
+from ...core.roles import Of, Role
 from . import lit
+from .joins import Join
 from .steps import surface
 
 KIND = LayerKind(
@@ -16,12 +18,14 @@ KIND = LayerKind(
     doc="Diffuse light of all lamps with all layers joined; alpha is coverage, colour is premultiplied",
 )
 
+JOINS = {Role.TRANSMITTANCE: Join.MULTIPLY, Role.SCATTERING: Join.ADD, Role.OVER: Join.OVER}
+
 
 def record(recorder: Recorder, outline: Outline) -> None:
     """Adds the composite of everything recorded so far, as a layer of no effect.
 
     Every light that shines on what is in view counts, those without a layer unshadowed. Layers join as
-    their kind declares (`LayerKind.blend`): first those that scale one light, then emission, then those that
+    their kind declares (`LayerKind.role`): first those that scale one light, then emission, then those that
     all light from surfaces passes, then those that add light of their own, and last those that lie over it.
     """
     seen, receivers = receivers_in_view(outline, boxes_of(outline))
@@ -38,17 +42,17 @@ def record(recorder: Recorder, outline: Outline) -> None:
         shadows = [
             layer.node
             for layer in recorder.layers
-            if layer.blend == Blend.SCALE_LIGHT and layer.light_index == index
+            if layer.role is Role.VISIBILITY and layer.of == Of.lamp(index)
         ]
         inputs += [lit.irradiance(recorder, outline, light), *shadows]
-        joins.append(("light", lit.brightness(light), len(shadows)))
+        joins.append((Join.LIGHT.value, lit.brightness(light), len(shadows)))
     if (emission := lit.emission(recorder, outline, visible)) is not None:
         inputs.append(emission)
-        joins.append((Blend.ADD.value,))
-    for blend in (Blend.MULTIPLY, Blend.ADD, Blend.OVER):
+        joins.append((Join.ADD.value,))
+    for role, join in JOINS.items():
         for layer in recorder.layers:
-            if layer.blend == blend:
+            if layer.role is role:
                 inputs.append(layer.node)
-                joins.append((blend.value,))
+                joins.append((join.value,))
     albedo = lit.base_colour(recorder, outline)
     recorder.layer(KIND, recorder.step(lit.COMPOSITE, albedo, *inputs, joins=tuple(joins)))

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core.effect import Blend
 from ...core.emitter import Emitter, EmitterKind
 from ...core.shader import LARGEST, Shader
+from .joins import Join
 from .membership import mask_table
 
 MOST_SHADOWS = 4  # layers that may scale one light
@@ -56,8 +56,8 @@ def _light_variant(shadows: int) -> Shader:
     return replace(shader, samplers=(*shader.samplers, *images))
 
 
-def _join_variant(blend: Blend, grey: bool, part: bool = False) -> Shader:
-    shader = COMPOSITE.defining(blend.name, *["GREY"] * grey, *["PART"] * part)
+def _join_variant(join: Join, grey: bool, part: bool = False) -> Shader:
+    shader = COMPOSITE.defining(join.name, *["GREY"] * grey, *["PART"] * part)
     return replace(shader, samplers=(("layer", "FLOAT_2D"),))
 
 
@@ -70,10 +70,10 @@ def variants() -> Iterator[Shader]:
                 yield _irradiance_variant(kind, single, linked)
     for shadows in range(MOST_SHADOWS + 1):
         yield _light_variant(shadows)
-    for blend in (Blend.MULTIPLY, Blend.ADD, Blend.OVER):
-        for grey in (False, True) if blend != Blend.OVER else (False,):
-            yield _join_variant(blend, grey)
-    yield _join_variant(Blend.OVER, False, part=True)
+    for join in (Join.MULTIPLY, Join.ADD, Join.OVER):
+        for grey in (False, True) if join != Join.OVER else (False,):
+            yield _join_variant(join, grey)
+    yield _join_variant(Join.OVER, False, part=True)
 
 
 def material_colour(device, surface, colours, images, version):
@@ -148,7 +148,7 @@ def composite(device, albedo, *inputs, joins, is_rest=True):
     for kind, *details in joins:
         image = next(queue)
         params = {"size": size, "share": ()}
-        if kind == "light":
+        if kind == Join.LIGHT.value:
             radiance, shadows = details
             if shadows > MOST_SHADOWS:
                 raise ValueError(f"{shadows} layers scale one light, at most {MOST_SHADOWS} can")
@@ -157,7 +157,7 @@ def composite(device, albedo, *inputs, joins, is_rest=True):
             samplers |= {f"shadow{i}": next(queue) for i in range(shadows)}
             shader = _light_variant(shadows)
         else:
-            is_veil = kind == Blend.OVER.value and not is_rest
-            shader, samplers = _join_variant(Blend(kind), image.channels == 1, is_veil), {"layer": image}
+            is_veil = kind == Join.OVER.value and not is_rest
+            shader, samplers = _join_variant(Join(kind), image.channels == 1, is_veil), {"layer": image}
         device.dispatch(shader, size, {"total": total}, samplers, params)
     return total

@@ -7,14 +7,17 @@ from collections.abc import Collection
 import numpy as np
 
 from ...core.culling import unlit_reason
-from ...core.effect import Blend, LayerKind
+from ...core.effect import LayerKind
 from ...core.graph import Node, Step, Sum
 from ...core.outline import Light, Outline, emitter_measure
 from ...core.recorder import Recorder
+from ...core.roles import Of, Subject
 from . import gpu_lit
+from .joins import Join
 from .membership import belong
 
-LIT = LayerKind(title="Lit", channels="RGBA", per_light=True)
+LIT = LayerKind(title="Lit", channels="RGBA", of=Subject.LAMP)
+_TERMS = (Join.LIGHT.value, Join.ADD.value)
 
 
 def _material_colour(device, surface, colours, images, version):
@@ -64,11 +67,11 @@ def _composite(device, albedo, *inputs, joins, is_rest=True):
     queue, told = iter(inputs), []
     for kind, *details in joins:
         images, share = [next(queue)], np.zeros(3, np.float32)
-        if kind == "light":
+        if kind == Join.LIGHT.value:
             radiance, shadows = details
             images += [next(queue) for _ in range(shadows)]
             share = np.array(radiance, np.float32) / np.float32(np.pi)
-        elif kind == Blend.OVER.value and not is_rest:  # of what lies over the light, only what it hides
+        elif kind == Join.OVER.value and not is_rest:  # of what lies over the light, only what it hides
             images[0] = images[0] * np.array((0.0, 0.0, 0.0, 1.0), np.float32)
         told.append((kind, [np.ascontiguousarray(image) for image in images], share.tolist()))
     total = device.kernels.composite(np.ascontiguousarray(albedo), told)
@@ -81,7 +84,7 @@ def _joined_inputs(node: Node) -> list[tuple[tuple, tuple[Node, ...]]]:
     """Each join with the nodes of its images."""
     queue, found = iter(node.inputs[1:]), []
     for join in node.params["joins"]:
-        count = 1 + join[2] if join[0] == "light" else 1
+        count = 1 + join[2] if join[0] == Join.LIGHT.value else 1
         found.append((join, tuple(next(queue) for _ in range(count))))
     return found
 
@@ -90,14 +93,14 @@ def _terms(node: Node) -> tuple[tuple[Node, ...], ...]:
     """First the rest, which is alpha and the colour of what lies over the light, then each light and each
     layer that adds."""
     joins = _joined_inputs(node)
-    return ((), *(images for join, images in joins if join[0] in ("light", Blend.ADD.value)))
+    return ((), *(images for join, images in joins if join[0] in _TERMS))
 
 
 def _part(node: Node, numbers: Collection[int]) -> Node:
     """What multiplies or covers light multiplies or covers each term alike."""
     joins, inputs, term = [], [], 0
     for join, images in _joined_inputs(node):
-        is_term = join[0] in ("light", Blend.ADD.value)
+        is_term = join[0] in _TERMS
         term += is_term
         if not is_term or term in numbers:
             joins.append(join)
@@ -174,13 +177,13 @@ def irradiance(recorder: Recorder, outline: Outline, light: Light) -> Node:
 
 def record(recorder: Recorder, outline: Outline) -> None:
     """Adds the unshadowed picture of every light that the graph already has a layer of."""
-    for index in sorted({layer.light_index for layer in recorder.layers} - {None}):
+    for index in sorted({layer.of.index for layer in recorder.layers if layer.of.is_lamp}):
         light = outline.lights[index]
         node = recorder.step(
             COMPOSITE,
             base_colour(recorder, outline),
             irradiance(recorder, outline, light),
             instance=light.name,
-            joins=(("light", brightness(light), 0),),
+            joins=((Join.LIGHT.value, brightness(light), 0),),
         )
-        recorder.layer(LIT, node, index)
+        recorder.layer(LIT, node, Of.lamp(index))

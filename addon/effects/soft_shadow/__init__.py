@@ -1,6 +1,7 @@
 """Soft shadows from layered shadow maps; see README.md in this folder."""
 
-from ...core.effect import Blend, Effect, LayerKind
+from ...core.effect import Effect, LayerKind
+from ...core.roles import Role, Subject
 from ..shared import visibility_truth
 from .gpu_steps import variants
 from .params import Method, SoftShadowParams
@@ -14,8 +15,8 @@ EFFECT = Effect(
             title="Soft Shadow",
             channels="V",
             score=visibility_truth.SCORE,
-            per_light=True,
-            blend=Blend.SCALE_LIGHT,
+            of=Subject.LAMP,
+            role=Role.VISIBILITY,
             doc="Share of the light's irradiance that arrives: 1 is lit, 0 is in full shadow",
         ),
     ),

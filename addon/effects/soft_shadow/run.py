@@ -21,6 +21,7 @@ from ...core.graph import Node
 from ...core.outline import Light, Outline, emitter_measure
 from ...core.random import hash_bits
 from ...core.recorder import Recorder
+from ...core.roles import Of
 from ..shared import steps as shared
 from . import beside, steps
 from .params import Method, SoftShadowParams
@@ -65,7 +66,7 @@ def run(recorder: Recorder, outline: Outline, params: SoftShadowParams) -> None:
     for index in recorder.lamps:
         if shadow := visibility(recorder, outline, params, index):
             node, casters = shadow
-            recorder.layer(EFFECT.layers[0], node, index, casters)
+            recorder.layer(EFFECT.layers[0], node, Of.lamp(index), casters)
     seen, _ = receivers_in_view(outline, boxes_of(outline))
     _report_idle_instances(recorder, outline, seen)
 

@@ -2,7 +2,8 @@
 
 import math
 
-from ...core.effect import Blend, Effect, LayerKind
+from ...core.effect import Effect, LayerKind
+from ...core.roles import Role
 from ...measure.image import MaskScore
 from .gpu_steps import variants
 from .params import ToonObjectParams, ToonParams
@@ -13,21 +14,21 @@ TOON = LayerKind(
     title="Toon",
     score=MaskScore(toon, "every light by itself"),
     channels="RGBA",
-    blend=Blend.OVER,
+    role=Role.OVER,
     doc="Surfaces in the colours of the ramp, opaque where there is a surface",
 )
 HALFTONE = LayerKind(
     title="Toon Halftone",
     score=MaskScore(halftone, "dots without filter"),
     channels="V",
-    blend=Blend.MULTIPLY,
+    role=Role.TRANSMITTANCE,
     doc="Dots that grow with the shade: 1 is paper, 0 is ink",
 )
 OUTLINE = LayerKind(
     title="Toon Outline",
     score=MaskScore(outline_ink, "the hull's triangles by rays"),
     channels="RGBA",
-    blend=Blend.OVER,
+    role=Role.OVER,
     doc="Lines around objects and, where asked for, within them",
 )
 EFFECT = Effect(

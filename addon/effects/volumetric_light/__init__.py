@@ -1,6 +1,7 @@
 """Light scattered by a homogeneous medium, with the shadows in it; see README.md in this folder."""
 
-from ...core.effect import Blend, Effect, LayerKind
+from ...core.effect import Effect, LayerKind
+from ...core.roles import Role, Subject
 from ...measure.image import LightScore
 from .gpu_steps import variants
 from .params import VolumetricLightParams
@@ -15,15 +16,16 @@ EFFECT = Effect(
             title="Volumetric",
             channels="RGB",
             score=LightScore(scattered, "ray marched, 2 x 512 shadow rays"),
-            per_light=True,
-            blend=Blend.ADD,
+            of=Subject.LAMP,
+            role=Role.SCATTERING,
             doc="Radiance that the medium scatters once from the light towards the eye, W/(m² sr)",
         ),
         LayerKind(
             title="Transmittance",
             channels="RGB",
             score=LightScore(transmitted, "exact"),
-            blend=Blend.MULTIPLY,
+            of=Subject.EYE,
+            role=Role.TRANSMITTANCE,
             doc="Share of a surface's light that the medium lets through to the eye",
         ),
     ),

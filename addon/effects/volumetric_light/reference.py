@@ -56,7 +56,7 @@ def scattered(
 ) -> np.ndarray:
     """(2, N, 3) float64: two independent estimates of the radiance scattered towards the eye."""
     fill, _ = fill_of(outline, layer.params)
-    light = outline.lights[layer.light_index]
+    light = outline.lights[layer.of.index]
     generator = np.random.Generator(np.random.PCG64(seed))
     casters = np.zeros(len(outline.instances), np.uint8)
     casters[sorted(layer.casters)] = 1

@@ -18,6 +18,7 @@ from ...core.emitter import EmitterKind
 from ...core.graph import Node
 from ...core.outline import Light, Outline
 from ...core.recorder import Recorder
+from ...core.roles import Of, Subject
 from ...core.view import Vector
 from ..shared import steps as shared
 from ..shared.light_views import NamedView, distant_view, point_views
@@ -44,7 +45,7 @@ def needed(outline: Outline) -> str | None:
 def ruled_out(kind, light: Light | None, params: VolumetricLightParams | None, has_media: bool) -> bool:
     """Whether no frame has the layer, whatever moves."""
     no_medium = params is not None and surely_none(params, has_media)
-    return no_medium or (kind.per_light and light is not None and light.is_dark)
+    return no_medium or (kind.of is Subject.LAMP and light is not None and light.is_dark)
 
 
 def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> None:
@@ -93,7 +94,7 @@ def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> 
             shares=tuple(shares),
             stride=stride,
         )
-        recorder.layer(EFFECT.layers[0], scattered, index, casters)
+        recorder.layer(EFFECT.layers[0], scattered, Of.lamp(index), casters)
     step, spans = steps.TRANSMITTANCE, []
     if fill.instances is not None:
         step, spans = steps.BOUNDED_TRANSMITTANCE, [_spans(recorder, outline, fill, 1)]

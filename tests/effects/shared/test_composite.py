@@ -8,13 +8,15 @@ import bpy
 import numpy as np
 import pytest
 from strata.addon.bake import Options, bake
-from strata.addon.core.effect import Blend, LayerKind
+from strata.addon.core.effect import LayerKind
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.graph import Step
 from strata.addon.core.outline import Light, Outline
 from strata.addon.core.recorder import Recorder
+from strata.addon.core.roles import Role
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared import composite, lit
+from strata.addon.effects.shared.joins import Join
 from strata.addon.scene.open import choose, open_blend
 from strata.tests.core.test_executor import tilted_quad_scene
 from strata.tests.support.gpu_scenes import gpu_device
@@ -122,7 +124,7 @@ def joined(device, joins, albedo, *inputs):
     return device.to_host(value)
 
 
-def test_layers_join_as_their_blend_says(backend):
+def test_layers_join_as_their_role_says(backend):
     device = CpuDevice() if backend == "cpu" else gpu_device()
     rng = np.random.default_rng(5)
     shape = (6, 9)
@@ -134,9 +136,9 @@ def test_layers_join_as_their_blend_says(backend):
     joins = (
         ("light", (3.0, 2.0, 1.0), 2),
         ("light", (1.0, -1.0, 0.0), 0),
-        (Blend.MULTIPLY.value,),
-        (Blend.ADD.value,),
-        (Blend.OVER.value,),
+        (Join.MULTIPLY.value,),
+        (Join.ADD.value,),
+        (Join.OVER.value,),
     )
     found = joined(device, joins, albedo, arriving, shadow, second, arriving, fog, scattered, over)
     light = (arriving * shadow * second)[..., None] * (3.0, 2.0, 1.0) + arriving[..., None] * (1.0, -1.0, 0.0)
@@ -182,7 +184,7 @@ def test_any_later_layer_joins_by_its_kind():
     outline = replace(outline, lights=(one_sun(),))
     recorder = Recorder(outline)
     node = recorder.step(Step("fog", cpu=lambda device: None))
-    recorder.layer(LayerKind("Fog", "V", blend=Blend.MULTIPLY), node)
+    recorder.layer(LayerKind("Fog", "V", role=Role.TRANSMITTANCE), node)
     recorder.layer(LayerKind("Depth", "Z"), node)
     composite.record(recorder, outline)
     joins = recorder.layers[-1].node.params["joins"]
@@ -229,7 +231,7 @@ def test_the_composite_of_a_plane_under_the_sun_is_albedo_over_pi_times_irradian
 
 def test_the_composite_of_a_file_is_the_sum_of_its_lights_times_their_layers(backend):
     found = baked(SAMPLES / "courtyard.blend", backend, lit=True)
-    shadows = {layer.light_index: layer.pixels for layer in found.layers.layers}
+    shadows = {layer.of.index: layer.pixels for layer in found.layers.layers}
     expected = sum(picture[..., :3] * shadows[index][..., None] for index, picture in found.lit.items())
     assert set(shadows) == set(found.lit)
     assert not [warning for warning in found.layers.report["warnings"] if "failed on gpu" in warning]
@@ -254,7 +256,7 @@ def test_what_fog_scatters_is_not_dimmed_by_the_fog_again(backend):
         if layer.effect == "volumetric_light" and layer.name in layers:
             scattered = scattered + layers[layer.name]
     for index, picture in found.lit.items():
-        shadows = [s for s in found.layers.layers if s.effect == "soft_shadow" and s.light_index == index]
+        shadows = [s for s in found.layers.layers if s.effect == "soft_shadow" and s.of.index == index]
         surfaces = surfaces + picture[..., :3] * (shadows[0].pixels[..., None] if shadows else 1.0)
     assert passed.min() < 0.5
     assert np.allclose(found.composite[..., :3], surfaces * passed + scattered, rtol=1e-4, atol=1e-5)
