@@ -25,6 +25,7 @@ from .core.progress import Forecast
 from .core.recorder import plan
 from .core.sampling import Sampling
 from .core.sequence import SequenceLayer, with_neutral
+from .core.shot import Shot
 from .core.slices import timed
 from .core.surface import Chunk
 from .devices.start import Devices, start_devices
@@ -90,18 +91,18 @@ class Options:
         }
 
 
-def plan_scene(outline: Outline, options: Options) -> Graph:
+def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
     """What would run, what is left out, and why."""
     more = [record for on, record in ((options.composite, composite.record), (options.lit, lit.record)) if on]
     lamps = None
     if options.lights is not None:
         lights = enumerate(outline.lights)
         lamps = tuple(index for index, light in lights if options.wants(light.name, light.pass_name))
-    return plan(outline, options.chosen(), *more, sources=options.sources(), lamps=lamps)
+    return plan(outline, shot, options.chosen(), *more, sources=options.sources(), lamps=lamps)
 
 
-def sampling_of(outline: Outline, options: Options) -> Sampling:
-    return Sampling(*outline.computed_size, options.samples, outline.pixel_filter)
+def sampling_of(shot: Shot, options: Options) -> Sampling:
+    return Sampling(*shot.computed_size, options.samples, shot.pixel_filter)
 
 
 def groups_of(
@@ -112,7 +113,7 @@ def groups_of(
     automatic = options.memory_bytes == 0
     budget = free_bytes() // 2 if automatic else options.memory_bytes
     room = ROOM_BYTES if automatic else None
-    return in_groups(graph, outline, sampling_of(outline, options), budget, held, room)
+    return in_groups(graph, outline, sampling_of(graph.shot, options), budget, held, room)
 
 
 class BakeJob:
@@ -187,7 +188,7 @@ class BakeJob:
     def _run(self) -> Iterator[None]:
         started = time.perf_counter() - self._read_seconds
         executor = Executor(self.devices.primary, self.devices.fallback, keeps_inputs=False)
-        sampling = sampling_of(self.outline, self.options)
+        sampling = sampling_of(self.graph.shot, self.options)
         pixels = sampling.width * sampling.height * self.options.samples / sampling.chunk_count
         self._forecast = Forecast([self.graph], sampling.chunk_count, pixels, executor.execution)
         yield from self._look(executor)
@@ -229,7 +230,7 @@ class BakeJob:
             execution=execution,
             chosen={effect.id: params for effect, params in options.chosen().items()},
             seed=options.seed,
-            chunks=sampling_of(outline, options).chunk_count,
+            chunks=sampling.chunk_count,
             errors=errors,
             seconds=seconds,
             look_seconds=self._look_seconds,
@@ -269,17 +270,17 @@ class BakeJob:
         around a lamp is close to it."""
         if self.graph.surface is None:
             return
-        node, device = self.graph.surface, self.devices.fallback
+        node, device, shot = self.graph.surface, self.devices.fallback, self.graph.shot
         geometry = executor.value(node.inputs[0], device)
         yield
-        looking = look(device, geometry, self.outline, node.params["visible"])
+        looking = look(device, geometry, self.outline, shot, node.params["visible"])
         seen, self._look_seconds = yield from timed(
             self._showing(unless_cancelled(looking, device.cancel_flag))
         )
         if len(seen):
             started = time.perf_counter()
-            self.outline = replace(self.outline, seen=seen, distance_m=device.distance_m)
-            self.graph = plan_scene(self.outline, self.options)
+            self.outline = replace(self.outline, distance_m=device.distance_m)
+            self.graph = plan_scene(self.outline, replace(shot, seen=seen), self.options)
             self._look_seconds += time.perf_counter() - started
 
     def _showing[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
@@ -308,7 +309,7 @@ def read_depsgraph(
     started = time.perf_counter()
     where = ScanOptions(size=size, camera=camera.name if camera else None, seed=options.seed)
     found = scan(depsgraph, where)
-    graph = plan_scene(found.outline, options)
+    graph = plan_scene(found.outline, found.shot, options)
     arrays = extract(found, graph.wants, graph.instances)
     return found.outline, graph, arrays, time.perf_counter() - started
 

@@ -51,7 +51,7 @@ def put_together(
     """`chosen`: parameters by effect id; `chunks` is how often a surface was made, `errors` by layer;
     `seconds` are of the whole bake and `look_seconds` of its coarse picture. `missing`: what the graph lacks
     of `sequence`, for which neutral layers stand. `has_picture`: there is a composite, also of nothing."""
-    own = _own_nodes(graph)
+    own, shot = _own_nodes(graph), graph.shot
     layers, costs = [], {}
     for layer in (layer for layer in graph.layers if layer.effect):
         # Any layer needs the look; it is a layer's own where there is no other.
@@ -69,7 +69,7 @@ def put_together(
                 layer.name,
                 layer.channels,
                 # Nothing is known outside a render region: what changes nothing there stands for it.
-                outline.framed(execution.images[layer.name], layer.role.neutral),
+                shot.source.framed(execution.images[layer.name], layer.role.neutral),
                 layer.effect,
                 layer.light,
                 layer.of,
@@ -79,7 +79,7 @@ def put_together(
             )
         )
     settings = {effect_id: params.as_dict() for effect_id, params in chosen.items()}
-    layers += (layer.neutral(outline.size, settings.get(layer.effect, {})) for layer in missing)
+    layers += (layer.neutral(shot.size, settings.get(layer.effect, {})) for layer in missing)
     if sequence:
         places = {layer.name: place for place, layer in enumerate(sequence)}
         layers.sort(key=lambda layer: places.get(layer.name, len(places)))
@@ -106,8 +106,9 @@ def put_together(
         neutral=missing,
         order=[layer.name for layer in layers],
     )
-    width, height = outline.size
-    aspect = outline.pixel_aspect[0] / outline.pixel_aspect[1]
+    width, height = shot.size
+    raster = shot.source
+    aspect = raster.pixel_aspect[0] / raster.pixel_aspect[1]
     layer_set = LayerSet(
         tuple(layers),
         width,
@@ -116,12 +117,12 @@ def put_together(
         outline.working_space,
         report.to_json(),
         aspect,
-        outline.region,
-        outline.frame_size if outline.region and outline.crop else None,
+        raster.region,
+        raster.frame_size if raster.region and raster.crop else None,
         outline.stamp,
     )
     pictures = {
-        layer.of.index if layer.of.is_lamp else None: outline.framed(execution.images[layer.name])
+        layer.of.index if layer.of.is_lamp else None: shot.source.framed(execution.images[layer.name])
         for layer in graph.layers
         if not layer.effect
     }

@@ -82,16 +82,16 @@ class Measuring:
     def _started_rays(self) -> Generator[None, None, CpuRays]:
         """What references trace with."""
         executor, device, graph = self._executor, self._executor.fallback, self._graph
-        accelerator, seconds = _value_apart(executor, ray_accelerator(self._outline), device)
+        accelerator, seconds = _value_apart(executor, ray_accelerator(self._outline, graph.shot), device)
         self.outlook.has_tree = True
         self.seconds += seconds
         self._rays_seconds = seconds / sum(layer.kind.score is not None for layer in graph.layers)
         yield
         return CpuRays(
             accelerator,
-            np.array(self._outline.view.eye),
+            np.array(graph.shot.origin),
             device.cancel_flag,
-            device.camera_rays(graph.surface.params["visible"], graph.surface_attributes),
+            device.camera_rays(graph.shot, graph.surface.params["visible"], graph.surface_attributes),
             value=lambda node: executor.value(node, device),
             texture=device.texture,
         )

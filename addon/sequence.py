@@ -53,13 +53,14 @@ def sequence_layers(
             # Told by the scene itself: a marker may have switched it after the evaluation.
             which = camera or depsgraph.scene.camera
             try:
-                outline = scan(depsgraph, ScanOptions(size, which.name if which else None)).outline
+                scanned = scan(depsgraph, ScanOptions(size, which.name if which else None))
             except StrataError:
                 continue  # told by the bake of that frame
             if candidates is None:
                 candidates = _Candidates.of(depsgraph, options)
-            candidates.rule_out(outline, options)
-            for layer in plan_scene(outline, candidates.narrowed(options)).layers:
+            candidates.rule_out(scanned.outline, options)
+            graph = plan_scene(scanned.outline, scanned.shot, candidates.narrowed(options))
+            for layer in graph.layers:
                 found.setdefault(layer.name, SequenceLayer.of(layer))
             if candidates.are_all_in(found):
                 break

@@ -28,15 +28,16 @@ def read_plan(
     """Scans the scene as F12 would see it and plans, and says what baking that takes; extracts nothing. As
     `read_job`, only on the main thread. A bake's closer look may yet leave out layers."""
     from ..addon.scene.render_depsgraph import with_render_depsgraph
-    from ..addon.scene.scan import ScanOptions, scan
+    from ..addon.scene.scan import Scan, ScanOptions, scan
 
     how = ScanOptions(size, camera.name if camera else None)
 
-    def look(depsgraph) -> tuple[Outline, Options]:
-        return scan(depsgraph, how).outline, options_of(depsgraph.scene_eval)
+    def look(depsgraph) -> tuple[Scan, Options]:
+        return scan(depsgraph, how), options_of(depsgraph.scene_eval)
 
-    outline, options = with_render_depsgraph(scene, view_layer, look, frame, camera)
-    graph = plan_scene(outline, options)
+    scanned, options = with_render_depsgraph(scene, view_layer, look, frame, camera)
+    outline = scanned.outline
+    graph = plan_scene(outline, scanned.shot, options)
     return outline, graph, groups_of(outline, graph, options, held_bytes())[1]
 
 
@@ -75,7 +76,7 @@ def described_plan(
         "scene": outline.scene_name,
         "view_layer": outline.view_layer_name,
         "frame": outline.frame,
-        "size": list(outline.size),
+        "size": list(graph.shot.size),
         "layers": layers,
         "steps": [{"name": node.step.name, "instance": node.instance} for node in graph.nodes()],
         "surface_attributes": sorted(graph.surface_attributes),
@@ -102,7 +103,7 @@ def plan_lines(plan: dict[str, Any]) -> Iterator[str]:
 
 def room_warning(path: Path, job: BakeJob, exr: ExrParams) -> str:
     """What is to be said before a bake whose file may not fit onto the disk; empty where it surely fits."""
-    width, height = job.outline.size
+    width, height = job.graph.shot.size
     channels = sum(len(layer.channels) for layer in job.graph.layers if layer.effect) + 4 * exr.composite
     most, free = 4 * width * height * channels, free_on_disk(path)
     if most <= free:

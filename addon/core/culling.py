@@ -6,6 +6,7 @@ import numpy as np
 
 from .emitter import EmitterKind
 from .outline import Instances, Light, Outline
+from .shot import Shot
 from .view import View
 
 AXES = np.eye(3)
@@ -94,17 +95,18 @@ def not_whole_in(view: View, chosen: frozenset[int], instances: Instances) -> fr
     return instances.memo(("not whole in", view, chosen), find)
 
 
-def receivers_in_view(outline: Outline, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which instances the camera may see (N,) bool, and boxes (M, 2, 3) around what it sees of them: those of
-    the outline's coarse picture, or one around all."""
+def receivers_in_view(outline: Outline, shot: Shot) -> tuple[np.ndarray, np.ndarray]:
+    """Which instances the shot may show (N,) bool, and boxes (M, 2, 3) around what it shows of them: those of
+    its coarse picture, or one around all."""
+    boxes = boxes_of(outline)
     if not len(boxes):
         return np.zeros(0, bool), np.zeros((0, 2, 3))
-    view = outline.view
+    view = shot.view
     seen = outline.instances.memo(("seen", view), lambda: outline.instances.shown & in_frustum(view, boxes))
     if not seen.any():
         return seen, np.zeros((0, 2, 3))
-    if outline.seen is not None:
-        return seen, outline.seen
+    if shot.seen is not None:
+        return seen, shot.seen
     low, high = boxes[seen, 0].min(axis=0), boxes[seen, 1].max(axis=0)
     depth = view.to_view(corners_of(boxes[seen]).reshape(-1, 3))[:, 2].max()
     frustum = frustum_corners(view, float(np.clip(depth, view.near, view.far)))

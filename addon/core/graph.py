@@ -15,6 +15,7 @@ from .effect import LayerKind
 from .outline import Outline
 from .params import Params
 from .roles import THE_IMAGE, Of, Role
+from .shot import Shot
 
 
 @dataclass(frozen=True)
@@ -173,7 +174,8 @@ class PlannedLayer:
 @dataclass(frozen=True)
 class Graph:
     """What runs. `surface_attributes` and `instances` are the union of what the nodes read: nothing else is
-    extracted or rasterised. `wants` names what the extraction has to bring besides positions."""
+    extracted or rasterised. `wants` names what the extraction has to bring besides positions. `shot`: of
+    which picture."""
 
     layers: tuple[PlannedLayer, ...]
     left_out: tuple[LeftOut, ...]
@@ -181,6 +183,7 @@ class Graph:
     surface_attributes: frozenset[str]
     instances: frozenset[int]
     wants: frozenset[str] = frozenset()
+    shot: Shot | None = None
 
     def nodes(self, roots: Iterable[Node] | None = None) -> tuple[Node, ...]:
         """Every node below `roots` (the layers', if None), inputs before users, each once."""

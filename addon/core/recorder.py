@@ -11,21 +11,24 @@ from .naming import lamp_pass_name, layer_name, named_some
 from .outline import Outline
 from .params import Params
 from .roles import Of, Subject
+from .shot import Shot
 
 # What a surface's attribute asks of the extraction, beyond positions.
 NEEDED_FOR = {"shading_normal": "corner_normals", "uv": "uv"}
 
 
 class Recorder:
-    """Collects the steps of all effects into one graph; equal nodes are one node."""
+    """Collects the steps of all effects for one shot into a graph; equal nodes are one node."""
 
     def __init__(
         self,
         outline: Outline,
+        shot: Shot,
         sources: dict[str, tuple[Callable, Any]] | None = None,
         lamps: tuple[int, ...] | None = None,
     ):
         self.outline = outline
+        self.shot = shot
         # Of which lights to record layers, by index; where it is not all, other layers are not wanted at all.
         self.lamps = tuple(range(len(outline.lights))) if lamps is None else lamps
         self._wants_others = lamps is None
@@ -127,21 +130,23 @@ class Recorder:
             frozenset(self._attributes),
             self.instances,
             frozenset(self._wants),
+            self.shot,
         )
 
 
 def plan(
     outline: Outline,
+    shot: Shot,
     effects: dict[Effect, Params],
     *more: Callable,
     sources: dict[str, tuple[Callable, Params]] | None = None,
     lamps: tuple[int, ...] | None = None,
 ) -> Graph:
-    """Records every effect that the scene needs; `effects` maps each to its parameters. Each of `more`,
-    called with recorder and outline, may record more, after them and for no effect. `sources`: what effects
-    offer to others (`Effect.sources`), each with its parameters. `lamps`: indices of the only lights whose
-    layers are wanted, and no other layers; None: all."""
-    recorder = Recorder(outline, sources, lamps)
+    """Records every effect that a shot of the scene needs; `effects` maps each to its parameters. Each of
+    `more`, called with recorder and outline, may record more, after them and for no effect. `sources`: what
+    effects offer to others (`Effect.sources`), each with its parameters. `lamps`: indices of the only lights
+    whose layers are wanted, and no other layers; None: all."""
+    recorder = Recorder(outline, shot, sources, lamps)
     for effect, params in effects.items():
         recorder.effect, recorder.params = effect, params
         if reason := effect.needed(outline):

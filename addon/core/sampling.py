@@ -10,7 +10,7 @@ from itertools import product
 
 import numpy as np
 
-from .outline import PixelFilter
+from .shot import PixelFilter
 from .surface import Chunk
 
 PIXELS_PER_TILE = 9 << 17  # bounds the memory that a surface takes; so many that an HD image has two tiles

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from .outline import Outline
 from .params import Params
+from .shot import Shot
 
 if TYPE_CHECKING:
     from .graph import PlannedLayer
@@ -21,7 +22,7 @@ class Score(Protocol):
 
     metric: str
 
-    def watch(self, layer: PlannedLayer, outline: Outline, attributes: tuple[str, ...]) -> Any:
+    def watch(self, layer: PlannedLayer, outline: Outline, shot: Shot, attributes: tuple[str, ...]) -> Any:
         """What draws the layer's pixels (Watched in measure/probes.py); `attributes` are those that the
         graph's surface has."""
 

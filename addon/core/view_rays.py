@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .shot import Shot
 from .view import View
 
 
 @dataclass(frozen=True)
 class ViewRays:
-    """N rays from the camera.
+    """N rays from the camera of `shot`.
 
     `pixels` (N, 2) int32: column and row in the computed image, row 0 at the bottom; `jitter` (N, 2) float64:
     from that pixel's centre, in pixels. `origins` (N, 3) float64, world space, metres: the eye, or for an
@@ -26,6 +27,7 @@ class ViewRays:
     directions: np.ndarray
     distances: np.ndarray
     surface: dict[str, np.ndarray]
+    shot: Shot
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -47,16 +49,11 @@ def lines_of_sight(
     return np.zeros_like(across), across + forward
 
 
-def view_rays(
-    view: View,
-    size: tuple[int, int],
-    pixels: np.ndarray,
-    jitter: np.ndarray,
-    surface: dict[str, np.ndarray],
-) -> ViewRays:
-    """View rays that see `surface`, which has "depth" or "position"."""
+def view_rays(shot: Shot, pixels: np.ndarray, jitter: np.ndarray, surface: dict[str, np.ndarray]) -> ViewRays:
+    """The shot's view rays that see `surface`, which has "depth" or "position"."""
+    view = shot.view
     jitter = np.broadcast_to(np.asarray(jitter, np.float64), (len(pixels), 2))
-    origins, directions = lines_of_sight(view, size, pixels, jitter)
+    origins, directions = lines_of_sight(view, shot.computed_size, pixels, jitter)
     if "depth" in surface:
         depth = surface["depth"].astype(np.float64)
     else:
@@ -71,4 +68,5 @@ def view_rays(
         directions / lengths[:, None],
         depth * lengths,
         surface,
+        shot,
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.arrays import Arrays, MeshArrays
 from ..core.outline import Outline
+from ..core.shot import Shot
 from ..core.surface import ATTRIBUTES
 from ..core.view_rays import ViewRays, lines_of_sight, view_rays
 
@@ -22,6 +23,7 @@ class CameraRays:
         self,
         triangulate: Callable,
         outline: Outline,
+        shot: Shot,
         arrays: Arrays,
         visible: np.ndarray,
         attributes: frozenset[str],
@@ -29,14 +31,14 @@ class CameraRays:
         self._triangulate = triangulate
         self._outline, self._arrays = outline, arrays
         self._visible, self._attributes = visible, attributes
-        self._view, self._size = outline.view, outline.computed_size
+        self._shot, self._view = shot, shot.view
         self._triangles: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     def look(self, nearest: Callable, pixels: np.ndarray, jitter: np.ndarray) -> ViewRays:
         """Rays through `pixels` (N, 2), `jitter` (N, 2) pixels beside their centres. `nearest(casters,
         origins, directions, t_max)` finds hits relative to the eye, as `strata_kernels.Accel.nearest`."""
         view = self._view
-        origins, directions = lines_of_sight(view, self._size, pixels, jitter)
+        origins, directions = lines_of_sight(view, self._shot.computed_size, pixels, jitter)
         starts = origins + view.near * directions
         room = np.full(len(pixels), view.far - view.near, np.float32)
         _, instance, triangle = nearest(
@@ -48,7 +50,7 @@ class CameraRays:
             used = [i for i, each in enumerate(self._outline.instances) if each.mesh == mesh]
             rows = hit[np.isin(instance[hit], used)]
             self._fill(surface, rows, mesh, instance[rows], triangle[rows], origins[rows], directions[rows])
-        return view_rays(view, self._size, pixels, jitter, surface)
+        return view_rays(self._shot, pixels, jitter, surface)
 
     def _fill(self, surface, rows, mesh_index: int, instance, triangle, origins, directions) -> None:
         """Writes the attributes at `rows`, which hit the triangles `triangle` of one mesh."""

@@ -15,6 +15,7 @@ import strata_kernels
 from ..core.arrays import Arrays, MeshArrays, bytes_of
 from ..core.graph import Node
 from ..core.outline import Outline
+from ..core.shot import Shot
 from ..core.view import Vector
 from ..core.view_rays import ViewRays
 from .camera_rays import CameraRays
@@ -138,12 +139,12 @@ class CpuDevice:
                 raise failure
             return result
 
-    def camera_rays(self, visible: frozenset[int], attributes: frozenset[str]) -> CameraRays:
-        """Fills the surface `attributes` of the instances `visible` along any view ray."""
+    def camera_rays(self, shot: Shot, visible: frozenset[int], attributes: frozenset[str]) -> CameraRays:
+        """Fills the surface `attributes` of the instances `visible` along any view ray of the shot."""
         mask = self.instance_mask(visible)
         if not attributes & {"depth", "position"}:
             attributes |= {"depth"}  # how far a ray sees
-        return CameraRays(triangulate, self._outline, self._arrays, mask, attributes)
+        return CameraRays(triangulate, self._outline, shot, self._arrays, mask, attributes)
 
     def texture(self, image: int) -> np.ndarray | None:
         """Texels of `outline.images[image]`, None where they could not be read."""

@@ -61,7 +61,7 @@ class StrataRenderEngine(bpy.types.RenderEngine):
     def _render(self, depsgraph) -> None:
         job, baked = self._rendered(depsgraph)
         layer_name = depsgraph.view_layer.name
-        self._write(layer_name, passes.images_of(baked, job.outline, depsgraph))
+        self._write(layer_name, passes.images_of(baked, job.outline, job.graph.shot, depsgraph))
         self._tell(layer_name, baked)
         STATE.show_plan(depsgraph.scene.session_uid, job.graph, job.memory)
         STATE.show_report(depsgraph.scene.session_uid, baked.layers.report)

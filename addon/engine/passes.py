@@ -13,6 +13,7 @@ from ..core.layers import COLOUR_CHANNELS
 from ..core.naming import layer_name
 from ..core.outline import Light, Outline
 from ..core.roles import Role, Subject
+from ..core.shot import Raster, Shot
 from ..effects.registry import EFFECTS
 from ..scene.changing import is_animated, is_surely_hidden
 from ..scene.lamp_names import LampNames, NamedLamp
@@ -78,16 +79,16 @@ def _may_shadow(named: NamedLamp) -> bool:
     return casts_shadow(named.lamp.data) or is_animated(named.lamp.data)
 
 
-def images_of(baked: Baked, outline: Outline, depsgraph: bpy.types.Depsgraph) -> list[PassImage]:
+def images_of(baked: Baked, outline: Outline, shot: Shot, depsgraph: bpy.types.Depsgraph) -> list[PassImage]:
     """Combined, the baked layers, and a neutral one for every pass that this frame does not need: Blender
     would give it 0, and a shadow of 0 is black."""
-    width, height = outline.computed_size
+    width, height = shot.computed_size
     combined = np.zeros((height, width, 4), np.float32)
     if baked.composite is not None:
-        combined = _computed(outline, baked.composite)
+        combined = _computed(shot.source, baked.composite)
     images = [PassImage(COMBINED, "RGBA", combined)]
     for layer in baked.layers.layers:
-        images.append(PassImage(layer.name, layer.channels, _computed(outline, layer.pixels)))
+        images.append(PassImage(layer.name, layer.channels, _computed(shot.source, layer.pixels)))
     there = {image.name for image in images}
     for kind in registered(depsgraph.scene, depsgraph.view_layer, outline.lights):
         if kind.name not in there:
@@ -96,9 +97,9 @@ def images_of(baked: Baked, outline: Outline, depsgraph: bpy.types.Depsgraph) ->
     return images
 
 
-def _computed(outline: Outline, framed: np.ndarray) -> np.ndarray:
+def _computed(raster: Raster, framed: np.ndarray) -> np.ndarray:
     """What was computed of a whole frame: with a render region Blender puts it into the frame itself."""
-    if framed.shape[1::-1] == outline.computed_size:
+    if framed.shape[1::-1] == raster.computed_size:
         return framed
-    x0, y0, x1, y1 = outline.region
+    x0, y0, x1, y1 = raster.region
     return framed[y0:y1, x0:x1]

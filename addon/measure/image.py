@@ -20,6 +20,7 @@ from ..core.outline import Outline
 from ..core.params import Params
 from ..core.random import hash_bits
 from ..core.sampling import footprints
+from ..core.shot import Shot
 from ..core.view_rays import ViewRays, view_rays
 from .difficulty import KIND_BITS, Difficulty, largest_nearby, near_jumps
 from .estimate import Compared, sampled_part
@@ -93,7 +94,9 @@ class _ImageScore:
     reference_name: str = ""
     looks: int = 1
 
-    def watch(self, layer: PlannedLayer, outline: Outline, attributes: tuple[str, ...]) -> WatchedImage:
+    def watch(
+        self, layer: PlannedLayer, outline: Outline, shot: Shot, attributes: tuple[str, ...]
+    ) -> WatchedImage:
         return WatchedImage(layer.name, layer.effect, attributes, self.looks)
 
     def _along(self, probed: Probed) -> Callable[[ViewRays, int], np.ndarray]:
@@ -111,13 +114,11 @@ class LightScore(_ImageScore):
     metric: ClassVar[str] = "relative l2"
 
     def measure(self, probed: Probed, probes: int, seed: int) -> Measuring:
-        along, outline = self._along(probed), probed.outline
-        width, height = outline.computed_size
+        along, (width, height) = self._along(probed), probed.shot.computed_size
 
         def at_pixels(kept: Kept, seed: int) -> np.ndarray:
             pixels = np.stack([kept.pixels % width, kept.pixels // width], axis=1).astype(np.int32)
-            seen = view_rays(outline.view, (width, height), pixels, probed.jitter, kept.surface)
-            return along(seen, seed)
+            return along(view_rays(probed.shot, pixels, probed.jitter, kept.surface), seed)
 
         return measure_light(
             probed.kept,
@@ -145,7 +146,7 @@ class MaskScore(_ImageScore):
 
     def measure(self, probed: Probed, probes: int, seed: int) -> Measuring:
         def scattered(pixels: int, samples: int, seed: int) -> np.ndarray:
-            return footprints(probed.outline.pixel_filter, pixels, samples, seed)
+            return footprints(probed.shot.pixel_filter, pixels, samples, seed)
 
         return measure_mask(
             probed.kept,

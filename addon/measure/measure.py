@@ -40,13 +40,13 @@ class Measurement:
     ):
         self.has_budget = probes is None
         self.probes, self.seed = DEFAULT_PROBES if probes is None else probes, seed
-        self._outline = outline
+        self._outline, self._shot = outline, graph.shot
         # GeneratorExit: whoever ran it has gone. A panic of the kernels is a BaseException too.
         self._passes_through = (Cancelled, KeyboardInterrupt, SystemExit, GeneratorExit, *cancelled)
         self._lost: dict[str, NotMeasured] = {}  # by layer, why there are no probes
         attributes = tuple(sorted(graph.surface_attributes))
         self._watched = {
-            layer.name: layer.kind.score.watch(layer, outline, attributes)
+            layer.name: layer.kind.score.watch(layer, outline, graph.shot, attributes)
             for layer in graph.layers
             if layer.kind.score
         }
@@ -106,7 +106,7 @@ class Measurement:
         started = time.perf_counter()
         collector = self._collectors[layer.name]
         kept, total = tuple(collector.kept(layer.name)), collector.totals[layer.name]
-        probed = Probed(layer, self._outline, kept, total, image, self._jitter, rays, casters)
+        probed = Probed(layer, self._outline, self._shot, kept, total, image, self._jitter, rays, casters)
         seed = int(hash_bits(self.seed, text_bits(layer.name)))
         choosing_seconds = self._collecting_seconds[layer.name] + time.perf_counter() - started
 

@@ -18,6 +18,7 @@ from ..core.device import RayCaster
 from ..core.graph import PlannedLayer
 from ..core.outline import Outline
 from ..core.random import hash_bits, text_bits
+from ..core.shot import Shot
 from ..core.surface import Chunk
 from .difficulty import CODES, KIND_BITS, MARGIN, Difficulty, Ground, silhouettes
 
@@ -86,6 +87,7 @@ class Probed:
 
     layer: PlannedLayer
     outline: Outline
+    shot: Shot
     kept: tuple[Kept, ...]
     total: float
     image: np.ndarray

@@ -214,7 +214,7 @@ def report_of(
         blender=bpy.app.version_string if bpy else "",
         scene=outline.scene_name,
         frame=outline.frame,
-        size=outline.size,
+        size=graph.shot.size,
         seed=seed,
         backend=backend,
         backend_reason=backend_reason,

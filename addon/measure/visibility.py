@@ -14,6 +14,7 @@ from ..core.metrics import maximum, quantile
 from ..core.outline import Outline
 from ..core.params import Params
 from ..core.random import hash_bits
+from ..core.shot import Shot
 from .difficulty import Difficulty
 from .estimate import Measured
 from .interval import joined, limits
@@ -60,8 +61,10 @@ class VisibilityScore:
     weigh: Callable
     metric: ClassVar[str] = "weighted rmse"
 
-    def watch(self, layer: PlannedLayer, outline: Outline, attributes: tuple[str, ...]) -> WatchedShadow:
-        light, eye = outline.lights[layer.of.index], np.array(outline.view.eye)
+    def watch(
+        self, layer: PlannedLayer, outline: Outline, shot: Shot, attributes: tuple[str, ...]
+    ) -> WatchedShadow:
+        light, eye = outline.lights[layer.of.index], np.array(shot.origin)
         return WatchedShadow(layer.name, layer.effect, light.emitter, eye, light.receivers)
 
     def measure(self, probed: Probed, probes: int, seed: int) -> Generator[None, None, LayerError]:
@@ -77,7 +80,7 @@ class VisibilityScore:
         def reference(points, samples, seed):
             return self.reference(rays, emitter, casters, points, samples, seed)
 
-        strata = shadow_strata(probed.kept, np.array(probed.outline.view.eye))
+        strata = shadow_strata(probed.kept, np.array(probed.shot.origin))
         return measure_visibility(strata, probes, weigh, screen, reference, seed)
 
     def rms(self, value: float) -> float:

@@ -17,6 +17,7 @@ from ..core.executor import Executor
 from ..core.free_memory import free_bytes
 from ..core.graph import Graph
 from ..core.outline import Light, Outline
+from ..core.shot import Shot
 from ..devices.start import Devices, start_devices
 from ..effects.shared.look import seen_boxes
 from ..scene.extract import extract
@@ -114,40 +115,41 @@ class Session:
         self._scan = replace(found, outline=self.outline)
         self.executor.outline = self.outline
 
-    def moving_plan(
-        self, placement: Placement, scale: float, options: Options, share: float
-    ) -> tuple[Outline, Graph]:
+    def _shot(self, placement: Placement, scale: float) -> Shot:
+        return replace(self._scan.shot, name=placement.camera.name, source=placement.raster(scale))
+
+    def moving_plan(self, placement: Placement, scale: float, options: Options, share: float) -> Graph:
         """For a frame while something moves, with about `share` of the work in its maps. None of those
         depends on where the camera is, so that a moved camera runs none again."""
         chosen = options.chosen()
         values = {effect.id: params.lighter(share).as_dict() for effect, params in chosen.items()}
         options = replace(options, values=values, samples=1, probes=0)
-        outline = placement.seen_from(self.outline, scale)
-        lights = tuple(_lighter(light, chosen, share) if light.own else light for light in outline.lights)
-        outline = replace(outline, lights=lights)
+        lights = tuple(
+            _lighter(light, chosen, share) if light.own else light for light in self.outline.lights
+        )
+        outline, shot = replace(self.outline, lights=lights), self._shot(placement, scale)
         instances = outline.instances
         if instances.shown.any():
             seen = instances.memo(("around shown",), lambda: around(instances.boxes[instances.shown])[None])
-            outline = replace(outline, seen=seen)
-        return outline, plan_scene(outline, options)
+            shot = replace(shot, seen=seen)
+        return plan_scene(outline, shot, options)
 
-    def still_plan(self, placement: Placement, options: Options) -> tuple[Outline, Graph]:
+    def still_plan(self, placement: Placement, options: Options) -> Graph:
         """The bake's own, with its coarse look, for a pixel of the picture to each of the viewport's."""
-        outline = placement.seen_from(self.outline, 1.0)
-        graph = plan_scene(outline, options)
+        outline, shot = self.outline, self._shot(placement, 1.0)
+        graph = plan_scene(outline, shot, options)
         if graph.surface is None:
-            return outline, graph
+            return graph
         visible = graph.surface.params["visible"]
-        key = (outline.version, outline.view, outline.computed_size, visible)
+        key = (outline.version, shot.view, shot.computed_size, visible)
         if key not in self._looks:
             geometry = self.executor.value(graph.surface.inputs[0], self.devices.fallback)
             self._looks.clear()
-            self._looks[key] = seen_boxes(self.devices.fallback, geometry, outline, visible)
+            self._looks[key] = seen_boxes(self.devices.fallback, geometry, outline, shot, visible)
         boxes = self._looks[key]
         if len(boxes):
-            outline = replace(outline, seen=boxes)
-            graph = plan_scene(outline, options)
-        return outline, graph
+            graph = plan_scene(outline, replace(shot, seen=boxes), options)
+        return graph
 
     def want(self, viewport: int, *graphs: Graph) -> None:
         """Keeps what these graphs made, and what other viewports want, and frees the rest: where a light has

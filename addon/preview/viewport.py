@@ -176,12 +176,12 @@ class Viewport:
     def _moving(self, session: Session, placement: Placement, options: Options, name: str):
         """Graph, layer and chunk of a frame while something moves; None where there is no such layer."""
         budget = self.budget
-        outline, graph = session.moving_plan(placement, budget.scale, options, budget.map_share)
+        graph = session.moving_plan(placement, budget.scale, options, budget.map_share)
         layer = layer_of(graph, name)
         self._layers = tuple(planned.name for planned in graph.layers if planned.effect)
         if layer is None:
             return None
-        width, height = outline.computed_size
+        width, height = graph.shot.computed_size
         return replace(graph, layers=(layer,)), layer, Chunk(width, height, 0, height, 0, (0.0, 0.0))
 
     def _still(
@@ -204,7 +204,7 @@ class Viewport:
         """The bake, but for its measurement: coarse look, plan, sample by sample, their mean shown. Returns
         what ran."""
         started = time.perf_counter()
-        outline, graph = session.still_plan(placement, options)
+        graph = session.still_plan(placement, options)
         yield
         layer = layer_of(graph, name)
         if layer is None:
@@ -212,9 +212,9 @@ class Viewport:
         graph = replace(graph, layers=(layer,))
         place = placement.place(*placement.sizes(1.0))
         sampling = Sampling(
-            *outline.computed_size,
+            *graph.shot.computed_size,
             options.samples,
-            outline.pixel_filter,
+            graph.shot.pixel_filter,
             tile_pixels=TILE_PIXELS,
             is_progressive=True,
         )

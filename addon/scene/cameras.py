@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ..core.errors import StrataError
-from ..core.outline import Camera, PixelFilter
+from ..core.shot import Camera, PixelFilter
 from .transforms import are_usable, as_vector, matrix_of
 
 LARGEST_RADIUS = 64.0  # pixels of a filter (MAX_JITTER in kernels/src/raster/camera.rs)

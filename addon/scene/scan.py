@@ -12,7 +12,8 @@ import bpy
 import numpy as np
 
 from ..core.errors import StrataError
-from ..core.outline import Bounds, Camera, Instance, Light, Material, Mesh, Outline
+from ..core.outline import Bounds, Instance, Light, Material, Mesh, Outline
+from ..core.shot import Camera, Raster, Shot
 from .cameras import camera_of, camera_warnings, frame_size_of, pixel_filter_of, region_of
 from .edit_mode import edited_mesh, is_edited, sculpted_modifiers, unseen_modifiers
 from .lamp_names import LampNames
@@ -56,12 +57,13 @@ class TooLong(StrataError):
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """The outline, and Blender's data behind its meshes and images: to be extracted from before the depsgraph
-    changes, and not to be kept. `mesh_owners` are session ids of the objects that make the meshes; by the
-    outline's indices, `instance_owners` and `light_owners` are those of objects that stand for themselves, 0
-    for what an instancer makes."""
+    """The outline, the shot of its camera, and Blender's data behind its meshes and images: to be extracted
+    from before the depsgraph changes, and not to be kept. `mesh_owners` are session ids of the objects that
+    make the meshes; by the outline's indices, `instance_owners` and `light_owners` are those of objects that
+    stand for themselves, 0 for what an instancer makes."""
 
     outline: Outline
+    shot: Shot
     mesh_sources: tuple[bpy.types.Mesh, ...]
     image_sources: tuple[bpy.types.Image, ...]
     mesh_owners: tuple[int, ...] = ()
@@ -75,26 +77,26 @@ def scan(depsgraph: bpy.types.Depsgraph, options: ScanOptions = ScanOptions()) -
     return _Scanner(depsgraph, options).run()
 
 
-def view_of(depsgraph: bpy.types.Depsgraph, options: ScanOptions) -> tuple[dict, list[str]]:
-    """Camera, size and region of an outline, by the names of its fields, and warnings. Raises StrataError
+def raster_of(depsgraph: bpy.types.Depsgraph, options: ScanOptions) -> tuple[Raster, list[str]]:
+    """What the scene's camera takes, or the one asked for, and warnings. Raises StrataError
     where there is no usable camera."""
     scene, asked = depsgraph.scene_eval, options.camera
     render = scene.render
     frame_size = options.size or frame_size_of(render)
     if isinstance(asked, Camera):
-        return {"camera": asked, "frame_size": frame_size}, []
+        return Raster(asked, frame_size), []
     camera = scene.camera if asked is None else bpy.data.objects.get(asked)
     if camera is None:
         raise StrataError(f"scene '{scene.name}' has no camera" + (f" '{asked}'" if asked else ""))
     camera = camera.evaluated_get(depsgraph)
-    view = {
-        "camera": camera_of(camera),
-        "frame_size": frame_size,
-        "pixel_aspect": (render.pixel_aspect_x, render.pixel_aspect_y),
-        "region": region_of(render, frame_size),
-        "crop": render.use_border and render.use_crop_to_border,
-    }
-    return view, camera_warnings(camera, render)
+    raster = Raster(
+        camera_of(camera),
+        frame_size,
+        pixel_aspect=(render.pixel_aspect_x, render.pixel_aspect_y),
+        region=region_of(render, frame_size),
+        crop=render.use_border and render.use_crop_to_border,
+    )
+    return raster, camera_warnings(camera, render)
 
 
 @dataclass(eq=False)
@@ -126,7 +128,7 @@ class _Scanner:
     def run(self) -> Scan:
         scene = self.depsgraph.scene_eval
         end = math.inf if self.options.seconds is None else time.thread_time() + self.options.seconds
-        view, warnings = view_of(self.depsgraph, self.options)
+        raster, warnings = raster_of(self.depsgraph, self.options)
         for warning in warnings:
             self._warn(warning)
         for instance in self.depsgraph.object_instances:
@@ -162,16 +164,16 @@ class _Scanner:
             materials=tuple(self.materials),
             images=tuple(self.images.headers),
             warnings=tuple(self.warnings),
-            pixel_filter=pixel_filter_of(scene, engine_of(self.depsgraph.scene)),
             working_space=bpy.data.colorspace.working_space,
-            seed=self.options.seed,
             world_medium=world_medium,
             world_light=world.name if world is not None and gives_light(world) else "",
-            stamp=stamp_of(scene, view["camera"].name),
-            **view,
+            stamp=stamp_of(scene, raster.camera.name),
         )
+        pixel_filter = pixel_filter_of(scene, engine_of(self.depsgraph.scene))
+        shot = Shot(raster.camera.name, raster, pixel_filter, self.options.seed)
         return Scan(
             outline,
+            shot,
             tuple(self.mesh_sources),
             tuple(self.images.sources),
             tuple(self.mesh_owners),

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
 from ..core.errors import StrataError
-from ..core.outline import Camera, Outline
+from ..core.shot import Camera, Raster
 from .cameras import camera_of, region_of, viewport_camera
 
 SMALLEST = 2  # pixels a side; less is no picture
@@ -48,18 +48,10 @@ class Placement:
         step = (right - left) / size[0], (top - bottom) / size[1]
         return left + x0 * step[0], bottom + y0 * step[1], left + x1 * step[0], bottom + y1 * step[1]
 
-    def seen_from(self, outline: Outline, scale: float) -> Outline:
-        """The outline for this picture."""
+    def raster(self, scale: float) -> Raster:
+        """At so many image pixels to one of the region."""
         size, region = self.sizes(scale)
-        return replace(
-            outline,
-            camera=self.camera,
-            frame_size=size,
-            region=region,
-            crop=region is not None,
-            pixel_aspect=self.pixel_aspect,
-            seen=None,
-        )
+        return Raster(self.camera, size, self.pixel_aspect, region, crop=region is not None)
 
 
 def placement_of(

@@ -19,7 +19,7 @@ from ..core.errors import StrataError, one_line
 from ..core.free_memory import held_bytes
 from ..scene.render_visibility import rendered_objects, told_hidden
 from ..scene.rescan import Changes, patched
-from ..scene.scan import Scan, ScanOptions, TooLong, scan, view_of
+from ..scene.scan import Scan, ScanOptions, TooLong, raster_of, scan
 from ..scene.simulations import unbaked_simulations
 from .properties import options_of
 from .state import STATE
@@ -60,7 +60,7 @@ class ScenePlan:
     def asked(self, depsgraph: bpy.types.Depsgraph) -> tuple:
         """All that the plan depends on; equal while it need not be made again."""
         try:
-            view = view_of(depsgraph, ScanOptions())
+            view = raster_of(depsgraph, ScanOptions())
         except StrataError as error:
             view = str(error)
         # Blender evaluates settings with the next change of something else; animated ones are in both.
@@ -71,9 +71,9 @@ class ScenePlan:
         scene = depsgraph.scene.session_uid
         started = time.thread_time()
         try:
-            outline, warnings = self._read(depsgraph)
+            outline, shot, warnings = self._read(depsgraph)
             options = options_of(depsgraph.scene)
-            graph = plan_scene(outline, options)
+            graph = plan_scene(outline, shot, options)
             memory = groups_of(outline, graph, options, held_bytes())[1]
             STATE.show_plan(scene, graph, memory, warnings)
         except TooLong:
@@ -94,18 +94,18 @@ class ScenePlan:
         )
 
     def _read(self, depsgraph: bpy.types.Depsgraph):
-        """The outline, and all that is to be said of it."""
+        """The outline and its shot, and all that is to be said of it."""
         content = self._content_of(depsgraph)
         rendered = content[-1]
         changes, self.changes = self.changes, Changes()
         try:
-            view, of_camera = view_of(depsgraph, ScanOptions())
+            raster, of_camera = raster_of(depsgraph, ScanOptions())
             outline = None
             if self._scan is not None and content == self._content:
                 outline = patched(self._scan, changes, depsgraph) if changes else self._scan.outline
             if outline is None:
                 how = ScanOptions(
-                    camera=view["camera"],
+                    camera=raster.camera,
                     shows=lambda thing: thing.session_uid in rendered,
                     seconds=None if self._scan else MOST_SECONDS,
                 )
@@ -115,8 +115,8 @@ class ScenePlan:
         except BaseException:
             self.changes.all = True
             raise
-        outline = replace(outline, **view)
-        self._scan, self._content = replace(self._scan, outline=outline), content
+        shot = replace(self._scan.shot, name=raster.camera.name, source=raster)
+        self._scan, self._content = replace(self._scan, outline=outline, shot=shot), content
         warnings = [*of_camera, *outline.warnings, *unbaked_simulations(depsgraph)]
         warnings.append(told_hidden(depsgraph.view_layer, rendered))
-        return outline, [*dict.fromkeys(filter(None, warnings))]
+        return outline, shot, [*dict.fromkeys(filter(None, warnings))]

@@ -28,7 +28,7 @@ def silhouettes(scene, size: tuple[int, int]) -> np.ndarray:
     case = read(scene, size)
     everything = np.ones(len(case.outline.instances), np.uint8)
     found = strata_kernels.raster_surface(
-        case.device.geometry(), everything, case.outline.view.packed(), *size, attributes=["object_id"]
+        case.device.geometry(), everything, case.graph.shot.view.packed(), *size, attributes=["object_id"]
     )["object_id"]
     edge = np.zeros(found.shape, bool)
     for axis in (0, 1):

@@ -103,7 +103,7 @@ def large_meshes(scene, repeats: int, size=(1920, 1080)) -> list[Goal]:
     def rasterising() -> dict[str, float]:
         started = time.perf_counter()
         strata_kernels.raster_surface(
-            geometry, everything, case.outline.view.packed(), *size, attributes=names
+            geometry, everything, case.graph.shot.view.packed(), *size, attributes=names
         )
         return {"total": time.perf_counter() - started}
 

@@ -28,10 +28,10 @@ class Effect:
         """Seconds by step, a bake's coarse look among them, and `total` of all but the common ones."""
         geometry = self.case.device.geometry()
         started = time.perf_counter()
-        outline, graph = self.case.looked(geometry, self.values)
+        graph = self.case.looked(geometry, self.values)
         seconds = {"look": time.perf_counter() - started}
         executor = Executor(self.case.device, self.case.device)
-        drain(executor.run(graph, Sampling(*outline.size, 1, outline.pixel_filter)))
+        drain(executor.run(graph, Sampling(*graph.shot.size, 1, graph.shot.pixel_filter)))
         for timing in executor.execution.timings.values():
             name = timing.node.step.name.removeprefix("soft_shadow/")
             seconds[name] = seconds.get(name, 0.0) + timing.seconds
@@ -63,10 +63,10 @@ class Surface:
 def surface_of(case: Case) -> tuple[Surface, np.ndarray]:
     """What the camera sees at pixel centres, and where that is anything, (height, width) bool."""
     names = ["position", "geometric_normal", "shading_normal", "depth"]
-    width, height = case.outline.size
+    width, height = case.graph.shot.size
     everything = np.ones(len(case.outline.instances), np.uint8)
     found = strata_kernels.raster_surface(
-        case.device.geometry(), everything, case.outline.view.packed(), width, height, attributes=names
+        case.device.geometry(), everything, case.graph.shot.view.packed(), width, height, attributes=names
     )
     return Surface(*(found[name].reshape(-1, 3) for name in names[:3])), np.isfinite(found["depth"])
 

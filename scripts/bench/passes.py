@@ -93,7 +93,7 @@ def search_texels(case: Case, surface: Surface, weight: np.ndarray) -> tuple[flo
 
 def works(case: Case, surface: Surface, weight: np.ndarray) -> dict[str, Work]:
     """By step name, at default settings."""
-    width, height = case.outline.size
+    width, height = case.graph.shot.size
     pixels, lit = width * height, int((weight > 0.0).sum())
     maps = [node for node in case.graph.nodes() if node.step.name == "layered_depth"]
     layers, side = maps[0].params["layers"], maps[0].params["width"]
@@ -101,7 +101,7 @@ def works(case: Case, surface: Surface, weight: np.ndarray) -> dict[str, Work]:
     drawn = [_rasterised(case, node.params["view"], side, side, layers, 4 * layers) for node in maps]
     inside, before = search_texels(case, surface, weight)
     return {
-        "surface": _rasterised(case, case.outline.view, width, height, 1, SURFACE_BYTES),
+        "surface": _rasterised(case, case.graph.shot.view, width, height, 1, SURFACE_BYTES),
         "layered_depth": Work(
             sum(work.count_bytes for work in drawn),
             sum(work.operations for work in drawn),
@@ -121,7 +121,7 @@ def works(case: Case, surface: Surface, weight: np.ndarray) -> dict[str, Work]:
 
 def tables(case: Case, seconds: dict[str, float], counted: dict[str, Work], limits: Limits, rays: str) -> str:
     """Markdown. `seconds` by step; `rays`: a sentence about what is not counted."""
-    pixels = case.outline.size[0] * case.outline.size[1]
+    pixels = case.graph.shot.size[0] * case.graph.shot.size[1]
     rows = []
     for name, work in counted.items():
         least = limits.seconds(work.count_bytes, work.operations)

@@ -175,7 +175,7 @@ def real_gpu_text() -> str:
     choose()
     found = scan(bpy.context.evaluated_depsgraph_get(), ScanOptions(size=SIZE))
     options = Options(("soft_shadow",), composite=True, samples=1, probes=0)
-    graph = plan_scene(found.outline, options)
+    graph = plan_scene(found.outline, found.shot, options)
     nodes = graph.nodes()
     works = list(work_of(found.outline, graph, nodes))
     by_step: dict[str, list] = {}

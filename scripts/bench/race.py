@@ -132,7 +132,7 @@ def _cycles(scene, case: Case, truth: Truth, scale: Scale) -> dict[str, Result]:
     results = {}
     (lamp,) = cycles.lamps(scene)
     for samples in scale.cycles_samples:
-        found = cycles.shadow(scene, lamp, samples, size=case.outline.size)
+        found = cycles.shadow(scene, lamp, samples, size=case.graph.shot.size)
         visibility = np.nan_to_num(found.visibility, nan=1.0)
         results[f"Cycles, {samples}"] = Result({"total": found.seconds}, truth.error(visibility))
     return results
@@ -173,7 +173,7 @@ def tables(race: Race) -> str:
         figures = [rmse(error.rmse), f"{error.bias:+.4f}", f"{error.p99:.3f}", f"{error.largest:.2f}"]
         rows.append([name, *figures, milliseconds(result.seconds["total"]), _parts(result.seconds), *ratios])
     header = ["method", "RMSE", "bias", "p99", "max", "ms", "of which", "own rays ÷", "Embree ÷", "Cycles ÷"]
-    truth, size, common = race.truth, race.case.outline.size, race.common
+    truth, size, common = race.truth, race.case.graph.shot.size, race.common
     laying_out = race.results["Embree, 16"].seconds["generate"]
     notes = [
         f"{race.case.outline.triangles:,} triangles, {size[0]}x{size[1]}, one light. "

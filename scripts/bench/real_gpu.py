@@ -35,7 +35,7 @@ class Work:
 
 def work_of(outline: Outline, graph: Graph, nodes) -> Iterator[Work]:
     """Of the given nodes of a plan, in order; steps that take no time are left out."""
-    width, height = outline.computed_size
+    width, height = graph.shot.computed_size
     for node in nodes:
         counted = _counted(outline, node, width * height)
         if counted:

@@ -55,17 +55,18 @@ class Case:
 
     @property
     def eye(self) -> np.ndarray:
-        return np.array(self.outline.view.eye)
+        return np.array(self.graph.shot.origin)
 
     def light(self, name: str) -> Light:
         return next(light for light in self.outline.lights if light.name == name)
 
-    def looked(self, geometry, values: dict) -> tuple[Outline, Graph]:
-        """The outline after a coarse look, as a bake takes it, and its plan with these settings."""
+    def looked(self, geometry, values: dict) -> Graph:
+        """The plan after a coarse look, as a bake makes it, with these settings."""
         visible = self.graph.surface.params["visible"]
-        seen = seen_boxes(self.device, geometry, self.outline, visible)
-        outline = replace(self.outline, seen=seen, distance_m=self.device.distance_m)
-        return outline, plan(outline, {SOFT_SHADOW: SOFT_SHADOW.params.checked("soft_shadow", values)})
+        seen = seen_boxes(self.device, geometry, self.outline, self.graph.shot, visible)
+        outline = replace(self.outline, distance_m=self.device.distance_m)
+        shot = replace(self.graph.shot, seen=seen)
+        return plan(outline, shot, {SOFT_SHADOW: SOFT_SHADOW.params.checked("soft_shadow", values)})
 
 
 def read(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Case:
@@ -73,7 +74,7 @@ def read(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Case:
 
     def look(depsgraph) -> Case:
         found = scan(depsgraph, ScanOptions(size=size, camera=None))
-        graph = plan(found.outline, {SOFT_SHADOW: SOFT_SHADOW.params()})
+        graph = plan(found.outline, found.shot, {SOFT_SHADOW: SOFT_SHADOW.params()})
         arrays = extract(found, graph.wants, graph.instances)
         device = CpuDevice()
         device.set_scene(found.outline, arrays)

@@ -78,7 +78,7 @@ def prepared(scene, view_layer) -> list[Prepared]:
     surface = SURFACE.cpu(
         device,
         executor.value(graph.surface.inputs[0], device),
-        view=outline.view,
+        view=graph.shot.view,
         visible=graph.surface.params["visible"],
         chunk=chunk,
         attributes=frozenset({"depth"}),
@@ -88,7 +88,7 @@ def prepared(scene, view_layer) -> list[Prepared]:
         if node.step.name != "volumetric_light/airlight":
             continue
         maps = [executor.value(item, device) for item in node.inputs[1:]]
-        lattice = lattice_of(outline.view, chunk).packed()
+        lattice = lattice_of(graph.shot.view, chunk).packed()
         source = replace(node.params["source"], radius=0.0)
         packed = node.params["medium"].packed(), source.packed()
         found.append(

@@ -12,7 +12,8 @@ from strata.addon.bake import Baked, BakeJob, Options, plan_scene
 from strata.addon.core.arrays import Arrays, Cutout, MeshArrays
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.errors import Cancelled, StrataError
-from strata.addon.core.outline import Bounds, Camera, Instance, Light, Material, Mesh, Outline
+from strata.addon.core.outline import Bounds, Instance, Light, Material, Mesh, Outline
+from strata.addon.core.shot import Camera, Raster, Shot
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared.look import COARSER, seen_boxes
 from strata.addon.effects.shared.visibility_truth import SCORE, evaluate
@@ -21,19 +22,22 @@ from strata.addon.effects.soft_shadow.run import needed
 from strata.addon.measure.probes import ProbeCollector
 from strata.addon.measure.report import LayerError, NotMeasured, format_table
 from strata.addon.measuring import Measuring
-from strata.tests.measure.scenes import random_scene
+from strata.tests.measure.scenes import random_scene, shot_of
 
 IDENTITY = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
 DOWN = {"right": (1.0, 0.0, 0.0), "up": (0.0, 1.0, 0.0), "forward": (0.0, 0.0, -1.0)}
 
 
-def job_of(outline: Outline, arrays: Arrays, **options) -> BakeJob:
+FROM_ABOVE = Shot("Camera", Raster(Camera("Camera", (0.0, 0.0, 10.0), **DOWN), (64, 64)))
+
+
+def job_of(outline: Outline, arrays: Arrays, shot: Shot = FROM_ABOVE, **options) -> BakeJob:
     options = Options(backend="cpu", **{"samples": 1, "probes": 128, **options})
-    return BakeJob(outline, plan_scene(outline, options), arrays, options)
+    return BakeJob(outline, plan_scene(outline, shot, options), arrays, options)
 
 
 def bake(seed: int = 1, **options) -> Baked:
-    return job_of(*random_scene(seed), **options).result()
+    return job_of(*random_scene(seed), shot_of(seed), **options).result()
 
 
 def scene_of(boxes: list[tuple], lights: list[Light], **more) -> tuple[Outline, Arrays]:
@@ -49,8 +53,6 @@ def scene_of(boxes: list[tuple], lights: list[Light], **more) -> tuple[Outline, 
         "Scene",
         "Layer",
         1,
-        (64, 64),
-        Camera("Camera", (0.0, 0.0, 10.0), **DOWN),
         tuple(lights),
         tuple(instances),
         headers,
@@ -95,7 +97,7 @@ def share_told(report) -> float:
 def test_what_layers_share_is_no_ones_own():
     outline, arrays = random_scene(1)
     lights = (outline.lights[0], replace(outline.lights[0], name="Other"))
-    baked = job_of(replace(outline, lights=lights), arrays).result()
+    baked = job_of(replace(outline, lights=lights), arrays, shot_of(1)).result()
     shared = {"look", "geometry", "surface"}
     first, second = baked.report.layers
     steps = dict.fromkeys(("shared", "own"), 0.0)
@@ -118,7 +120,7 @@ def test_the_seed_chooses_the_probes():
     errors = [bake(seed=1, **{"probes": 64}).report.layers[0].error for _ in range(2)]
     assert errors[0].value == errors[1].value
     outline, arrays = random_scene(1)
-    other = job_of(outline, arrays, probes=64, seed=7).result()
+    other = job_of(outline, arrays, shot_of(1), probes=64, seed=7).result()
     assert other.report.seed == 7
     assert other.report.layers[0].error.value != errors[0].value
 
@@ -133,7 +135,7 @@ def test_a_layer_that_is_right_wherever_it_is_screened_has_an_upper_limit():
 
 def test_looking_and_measuring_come_in_slices():
     outline, arrays = random_scene(1)
-    job = job_of(replace(outline, frame_size=(1600, 1600)), arrays, probes=2048)
+    job = job_of(outline, arrays, shot_of(1, (1600, 1600)), probes=2048)
     stages = []
     while job._result is None:
         next(job._work, None)
@@ -143,7 +145,7 @@ def test_looking_and_measuring_come_in_slices():
 
 
 def test_a_slice_of_no_time_gets_on_all_the_same():
-    job = job_of(*random_scene(1))
+    job = job_of(*random_scene(1), shot_of(1))
     for _ in range(10_000):
         if job.advance(0.0):
             break
@@ -154,7 +156,7 @@ def test_a_slice_of_no_time_gets_on_all_the_same():
 @pytest.mark.parametrize("stage", ["Starting", "Baking", "Measuring"])
 def test_the_next_slice_after_cancelling_raises(stage):
     outline, arrays = random_scene(1)
-    job = job_of(replace(outline, frame_size=(1200, 1200)), arrays, probes=2048)
+    job = job_of(outline, arrays, shot_of(1, (1200, 1200)), probes=2048)
     next(job._work)
     while job.stage != stage:
         next(job._work)
@@ -167,7 +169,7 @@ def test_the_next_slice_after_cancelling_raises(stage):
 
 def test_what_there_is_so_far_is_shown_and_changes_nothing():
     options = {"samples": 8, "probes": 0, "composite": True}
-    job = job_of(*random_scene(1), **options)
+    job = job_of(*random_scene(1), shot_of(1), **options)
     job.tiles = deque()
     composite = job.result().composite
     np.testing.assert_array_equal(composite, bake(**options).composite)
@@ -199,17 +201,16 @@ def test_hairs_between_the_looks_pixels_are_kept():
     outline, arrays = scene_of([FLOOR, hair], [lamp()])
     device = CpuDevice()
     device.set_scene(outline, arrays)
-    boxes = seen_boxes(device, device.geometry(), outline, frozenset({0, 1}))
+    boxes = seen_boxes(device, device.geometry(), outline, FROM_ABOVE, frozenset({0, 1}))
     assert np.any(np.all(boxes == np.array(hair), axis=(1, 2)))
-    alone = seen_boxes(device, device.geometry(), outline, frozenset({0}))
+    alone = seen_boxes(device, device.geometry(), outline, FROM_ABOVE, frozenset({0}))
     assert len(boxes) == len(alone) + 1
 
 
 @pytest.mark.parametrize("size", [(32_769, 4), (4, 40_000)])
 def test_an_image_too_large_for_the_rasteriser_is_refused_in_one_line(size):
-    outline, _ = random_scene(0)
     with pytest.raises(StrataError, match=r"at most 32768") as refusal:
-        replace(outline, frame_size=size)
+        shot_of(0, size)
     assert "\n" not in str(refusal.value)
 
 
@@ -217,7 +218,7 @@ def test_reasons_name_their_cause():
     def reason(light: Light) -> str:
         outline, _ = scene_of([FLOOR, PLATE], [light, replace(lamp(), name="Other")])
         assert needed(outline) is None
-        left_out = plan_scene(outline, Options(backend="cpu")).left_out
+        left_out = plan_scene(outline, FROM_ABOVE, Options(backend="cpu")).left_out
         return next((each.reason for each in left_out if each.what == "Soft Shadow Lamp"), "")
 
     assert reason(lamp()) == ""
@@ -287,7 +288,7 @@ def test_layers_are_whole_where_no_probe_was_collected(monkeypatch):
 
 
 def test_layers_are_whole_where_the_tree_cannot_be_built(monkeypatch):
-    monkeypatch.setattr("strata.addon.measuring.ray_accelerator", lambda outline: 1 / 0)
+    monkeypatch.setattr("strata.addon.measuring.ray_accelerator", lambda outline, shot: 1 / 0)
     (layer,) = bake().layers.layers
     assert "ZeroDivisionError" in layer.error["not_measured"]
 

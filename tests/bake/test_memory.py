@@ -20,7 +20,7 @@ from strata.addon.core.sampling import Sampling
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.registry import EFFECTS
 from strata.ops.arguments import build_parser, memory
-from strata.tests.core.test_executor import depth_graph, tilted_quad_scene
+from strata.tests.core.test_executor import SHOT, depth_graph, tilted_quad_scene
 from strata.tests.support.places import SAMPLES
 
 ENDLESS = 1 << 50
@@ -142,11 +142,11 @@ def test_what_a_bake_takes_is_told_within_a_half(name):
 def test_groups_hold_all_layers_once_and_keep_to_the_limit():
     outline, _ = tilted_quad_scene()
     graph = depth_graph(outline)
-    graphs, told = in_groups(graph, outline, Sampling(*outline.size), budget=0)
+    graphs, told = in_groups(graph, outline, Sampling(*SHOT.size), budget=0)
     assert graphs == (graph,)
     assert told.groups == 1
     assert "over its budget of less than 1 MB" in told.shortage
-    assert in_groups(replace(graph, layers=()), outline, Sampling(*outline.size), 0)[0] == ()
+    assert in_groups(replace(graph, layers=()), outline, Sampling(*SHOT.size), 0)[0] == ()
 
 
 def test_the_estimate_says_what_there_is():
@@ -177,7 +177,7 @@ def test_no_room_is_one_line_that_names_what_was_made():
     device.set_scene(outline, arrays)
     huge = Step("huge", cpu=lambda device, surface: np.zeros((1 << 30, 1 << 20), np.float32))
     with pytest.raises(StrataError, match=r"not enough memory for step 'huge': .*4.00 PiB"):
-        drain(Executor(device, device).run(depth_graph(outline, step=huge), Sampling(*outline.size)))
+        drain(Executor(device, device).run(depth_graph(outline, step=huge), Sampling(*SHOT.size)))
     layer = depth_graph(outline).layers[0]
     with pytest.raises(StrataError, match=r"not enough memory for layer 'Depth': .*4.00 PiB"):
         Execution().begin(layer, (1 << 30, 1 << 20), 1)
@@ -237,7 +237,7 @@ def test_a_frame_keeps_no_more_maps_than_it_may():
             for n in range(5)
         )
         held = []
-        for _ in executor.frame(replace(graph, layers=layers), next(Sampling(*outline.size).chunks())):
+        for _ in executor.frame(replace(graph, layers=layers), next(Sampling(*SHOT.size).chunks())):
             sizes = [executor._sizes.get(key, 0) for _, key in executor._kept]
             held.append(sum(size for size in sizes if size == 100))
         most.append(max(held))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from strata.addon.core.arrays import Arrays, Cutout, MeshArrays
 from strata.addon.core.culling import casters_into, corners_of, drawn_from, in_frustum, lights_region
 from strata.addon.core.emitter import Emitter, EmitterKind
-from strata.addon.core.outline import Bounds, Camera, Instance, Light, Material, Mesh, Outline
+from strata.addon.core.outline import Bounds, Instance, Light, Material, Mesh, Outline
 from strata.addon.core.view import View
 from strata.addon.devices.cpu import CpuDevice
 
@@ -130,10 +130,9 @@ def test_a_map_of_what_may_be_drawn_is_the_map_of_all(orthographic, seed):
         matrices.append(matrix)
         local = (corners - centre).astype(np.float32)
         meshes.append(MeshArrays(local, np.arange(3, dtype=np.int32), starts))
-    camera = Camera("Camera", (0, 0, 3), (1, 0, 0), (0, 1, 0), (0, 0, -1))
     headers = tuple(Mesh(str(i), str(i), 3, 1) for i in range(len(parts)))
     materials = (Material("m"),)
-    outline = Outline("S", "L", 1, (8, 8), camera, (), tuple(parts), headers, materials)
+    outline = Outline("S", "L", 1, (), tuple(parts), headers, materials)
     device.set_scene(outline, Arrays(tuple(meshes), np.array(matrices), (Cutout(),)))
     geometry = device.geometry()
     everything = frozenset(range(len(parts)))

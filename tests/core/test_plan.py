@@ -81,7 +81,7 @@ def test_what_is_asked_for_again_is_kept_longest():
 def courtyard():
     open_blend(SAMPLES / "courtyard.blend")
     scene = choose().scene
-    return scan(scene.view_layers[0].depsgraph, ScanOptions(size=(160, 90))).outline
+    return scan(scene.view_layers[0].depsgraph, ScanOptions(size=(160, 90)))
 
 
 def test_only_the_moved_lights_maps_are_placed_again(courtyard, monkeypatch):
@@ -95,21 +95,23 @@ def test_only_the_moved_lights_maps_are_placed_again(courtyard, monkeypatch):
     original = run.light_views
     monkeypatch.setattr(run, "light_views", light_views)
     options = Options(("soft_shadow",), composite=True)
-    before = plan_scene(courtyard, options)
-    assert len(placed) == len(courtyard.lights)
+    before = plan_scene(courtyard.outline, courtyard.shot, options)
+    assert len(placed) == len(courtyard.outline.lights)
     placed.clear()
 
-    again = plan_scene(courtyard, options)
-    slid = plan_scene(courtyard, replace(options, values={"soft_shadow": {"refinements": 3}}))
+    again = plan_scene(courtyard.outline, courtyard.shot, options)
+    slid = plan_scene(
+        courtyard.outline, courtyard.shot, replace(options, values={"soft_shadow": {"refinements": 3}})
+    )
     assert placed == []
     assert [node.key for node in again.nodes()] == [node.key for node in before.nodes()]
     assert {node.key for node in slid.nodes()} != {node.key for node in before.nodes()}
 
-    light = next(each for each in courtyard.lights if each.kind == "POINT")
+    light = next(each for each in courtyard.outline.lights if each.kind == "POINT")
     centre = (light.emitter.centre[0] + 0.01, *light.emitter.centre[1:])
     moved = replace(light, emitter=replace(light.emitter, centre=centre))
-    lights = tuple(moved if each is light else each for each in courtyard.lights)
-    after = plan_scene(replace(courtyard, lights=lights), options)
+    lights = tuple(moved if each is light else each for each in courtyard.outline.lights)
+    after = plan_scene(replace(courtyard.outline, lights=lights), courtyard.shot, options)
     assert placed == [moved.emitter]
     kept = {node.key for node in after.nodes()}
     changed = [node for node in before.nodes() if node.key not in kept]
@@ -120,11 +122,13 @@ def test_only_the_moved_lights_maps_are_placed_again(courtyard, monkeypatch):
 def test_maps_draw_only_what_they_may_show(courtyard):
     """The lanterns' do not draw the whole scene six times."""
     triangles = 0
-    for node in plan_scene(courtyard, Options(("soft_shadow",))).nodes():
+    for node in plan_scene(courtyard.outline, courtyard.shot, Options(("soft_shadow",))).nodes():
         if node.step.name == "layered_depth" and node.instance.startswith("Lantern light"):
             drawn = node.params["casters"]
-            triangles += sum(courtyard.meshes[courtyard.instances[i].mesh].triangles for i in drawn)
-    assert triangles < 2.5 * courtyard.triangles
+            triangles += sum(
+                courtyard.outline.meshes[courtyard.outline.instances[i].mesh].triangles for i in drawn
+            )
+    assert triangles < 2.5 * courtyard.outline.triangles
 
 
 @pytest.fixture
@@ -153,7 +157,7 @@ def test_wide_maps_need_not_draw_what_a_finer_one_holds_whole(low_panel, monkeyp
         return BakeJob(*read, options).result().layers.layers[0].pixels
 
     def drawn() -> list[int]:
-        nodes = plan_scene(read[0], options).nodes()
+        nodes = plan_scene(read[0], read[1].shot, options).nodes()
         return [len(node.params["casters"]) for node in nodes if node.step.name == "layered_depth"]
 
     less, few = visibility(), drawn()
@@ -172,5 +176,5 @@ def test_all_effects_share_one_surface(courtyard):
     """Though much of the scene is out of the camera's sight."""
     fog = {"use_scene_medium": False, "scattering_per_m": (0.1, 0.1, 0.1)}
     options = Options(("soft_shadow", "volumetric_light", "toon"), values={"volumetric_light": fog})
-    graph = plan_scene(courtyard, options)
+    graph = plan_scene(courtyard.outline, courtyard.shot, options)
     assert [node for node in graph.nodes() if node.step.name == "surface"] == [graph.surface]

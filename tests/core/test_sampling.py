@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from strata.addon.core.outline import PixelFilter
 from strata.addon.core.sampling import PIXELS_PER_TILE, Sampling, filter_weight, jitters
+from strata.addon.core.shot import PixelFilter
 
 FILTERS = [PixelFilter("BOX", 0.5), PixelFilter("GAUSSIAN", 2.25), PixelFilter("BLACKMAN_HARRIS", 1.5)]
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from strata.addon.core.executor import Executor
-from strata.addon.core.outline import Camera
+from strata.addon.core.shot import Camera, Raster, Shot
 from strata.addon.core.surface import ATTRIBUTES
 from strata.addon.core.view_rays import view_rays
 from strata.addon.devices.cpu import CpuDevice, CpuRays
 from strata.addon.effects.shared.steps import ray_accelerator
-from strata.tests.measure.scenes import random_scene
+from strata.tests.measure.scenes import random_scene, shot_of
 
 NAMES = frozenset(ATTRIBUTES)
 JITTER = (0.31, -0.7)
@@ -41,13 +41,13 @@ def dressed(seed: int):
     )
 
 
-def rays_of(outline, arrays) -> tuple[CpuDevice, CpuRays, frozenset[int]]:
+def rays_of(outline, arrays, shot) -> tuple[CpuDevice, CpuRays, frozenset[int]]:
     device = CpuDevice()
     device.set_scene(outline, arrays)
     visible = frozenset(range(len(outline.instances)))
-    accelerator = Executor(device, device).value(ray_accelerator(outline), device)
-    camera = device.camera_rays(visible, NAMES)
-    return device, CpuRays(accelerator, np.array(outline.view.eye), camera=camera), visible
+    accelerator = Executor(device, device).value(ray_accelerator(outline, shot), device)
+    camera = device.camera_rays(shot, visible, NAMES)
+    return device, CpuRays(accelerator, np.array(shot.origin), camera=camera), visible
 
 
 def all_pixels(width: int, height: int) -> np.ndarray:
@@ -58,13 +58,15 @@ def all_pixels(width: int, height: int) -> np.ndarray:
 @pytest.mark.parametrize("orthographic", [False, True])
 def test_rays_see_what_the_rasteriser_sees(orthographic):
     outline, arrays = dressed(3)
-    outline = replace(outline, camera=replace(outline.camera, orthographic=orthographic))
-    device, rays, visible = rays_of(outline, arrays)
-    width, height = outline.computed_size
+    raster = shot_of(3).source
+    raster = replace(raster, camera=replace(raster.camera, orthographic=orthographic))
+    shot = replace(shot_of(3), source=raster)
+    device, rays, visible = rays_of(outline, arrays, shot)
+    width, height = shot.computed_size
     raster = device.kernels.raster_surface(
         device.geometry(),
         device.instance_mask(visible),
-        outline.view.packed(),
+        shot.view.packed(),
         width,
         height,
         jitter=JITTER,
@@ -97,7 +99,8 @@ def test_rays_see_what_the_rasteriser_sees(orthographic):
 @pytest.mark.parametrize("orthographic", [False, True])
 def test_a_view_ray_leads_to_what_it_sees(orthographic):
     camera = Camera("Camera", (1e5, -2e5, 30.0), **TURNED, orthographic=orthographic)
-    view = camera.view(64, 48)
+    shot = Shot("Camera", Raster(camera, (64, 48)))
+    view = shot.view
     pixels = all_pixels(64, 48)
     jitter = np.random.default_rng(0).uniform(-1.5, 1.5, pixels.shape)
     at = (pixels + 0.5 + jitter) / (64, 48)
@@ -109,7 +112,7 @@ def test_a_view_ray_leads_to_what_it_sees(orthographic):
     points = np.stack([across[:, 0] * scale, across[:, 1] * scale, depth], axis=1) @ axes
     depth[::7], points[::7] = np.inf, 0.0
     for surface in ({"depth": depth}, {"position": points.astype(np.float32)}):
-        rays = view_rays(view, (64, 48), pixels, jitter, surface)
+        rays = view_rays(shot, pixels, jitter, surface)
         assert np.allclose(np.linalg.norm(rays.directions, axis=1), 1.0)
         hit = np.isfinite(rays.distances)
         assert (hit == np.isfinite(depth)).all()

@@ -17,8 +17,9 @@ from strata.addon.effects.registry import EFFECTS
 from strata.addon.layers.exr_params import ExrParams
 from strata.addon.scene.open import open_blend
 from strata.addon.scene.own_settings import OWNERS, own_specs
+from strata.addon.scene.render_depsgraph import with_render_depsgraph
+from strata.addon.scene.scan import scan
 from strata.tests.support.places import SAMPLES
-from strata.tests.support.scan_scenes import read
 
 LABEL_PIXELS = 76
 """Of a row's label, at interface scale 1 in a sidebar as wide as Blender makes it: its column, 0.4 of a
@@ -69,18 +70,19 @@ def situations(specs: dict[str, ParamSpec]) -> Iterator[dict[str, Any]]:
 
 
 @pytest.fixture(scope="module")
-def outline():
+def seen():
     open_blend(SAMPLES / "mist.blend")
-    return read(bpy.context.scene)[0]
+    scene = bpy.context.scene
+    return with_render_depsgraph(scene, scene.view_layers[0], scan)
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.id)
-def test_a_parameter_is_read_where_it_counts_and_nowhere_else(effect, outline):
+def test_a_parameter_is_read_where_it_counts_and_nowhere_else(effect, seen):
     specs = {spec.name: spec for spec in effect.params.specs()}
-    lamp, found = outline.lights[0].name, set()
+    lamp, found = seen.outline.lights[0].name, set()
 
     def keys(values) -> tuple:
-        graph = plan_scene(outline, Options((effect.id,), values={effect.id: values}))
+        graph = plan_scene(seen.outline, seen.shot, Options((effect.id,), values={effect.id: values}))
         return tuple((layer.name, layer.node.key) for layer in graph.layers)
 
     for situation in situations(specs):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from strata.addon.core.outline import PixelFilter
 from strata.addon.core.sampling import footprints
+from strata.addon.core.shot import PixelFilter
 from strata.addon.core.slices import finished
 from strata.addon.core.surface import Chunk
 from strata.addon.core.view_rays import ViewRays
@@ -153,7 +153,7 @@ class Mask:
 
         def look(pixels, jitter):
             nothing = np.zeros((len(pixels), 3))
-            return ViewRays(pixels, jitter, nothing, nothing, nothing[:, 0], {})
+            return ViewRays(pixels, jitter, nothing, nothing, nothing[:, 0], {}, None)
 
         def reference(seen, seed):
             return self.at(*(seen.pixels + 0.5 + seen.jitter).T)[None, :, None]

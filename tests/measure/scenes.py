@@ -7,7 +7,8 @@ import math
 import numpy as np
 from strata.addon.core.arrays import Arrays, Cutout, MeshArrays
 from strata.addon.core.emitter import Emitter, EmitterKind
-from strata.addon.core.outline import Bounds, Camera, Instance, Light, Material, Mesh, Outline
+from strata.addon.core.outline import Bounds, Instance, Light, Material, Mesh, Outline
+from strata.addon.core.shot import Camera, Raster, Shot
 
 SIZE = (48, 48)
 
@@ -74,6 +75,14 @@ def lamp(rng) -> Emitter:
     return Emitter(kind, *axes, *sizes)
 
 
+CAMERA = Camera("Camera", (0.0, -3.5, 6.0), (1.0, 0.0, 0.0), (0.0, 0.864, 0.504), (0.0, 0.504, -0.864))
+
+
+def shot_of(seed: int, size: tuple[int, int] = SIZE) -> Shot:
+    """Of any random scene."""
+    return Shot("Camera", Raster(CAMERA, size), seed=seed)
+
+
 def random_scene(seed: int) -> tuple[Outline, Arrays]:
     rng = np.random.default_rng(seed)
     makers = [floor, *rng.choice([box, ball, spikes, sieve], rng.integers(2, 6))]
@@ -89,13 +98,10 @@ def random_scene(seed: int) -> tuple[Outline, Arrays]:
         rows = tuple(map(tuple, matrix.tolist()))
         instances.append(Instance(maker.__name__, index, rows, bounds, index, (0,)))
         matrices.append(matrix)
-    camera = Camera("Camera", (0.0, -3.5, 6.0), (1.0, 0.0, 0.0), (0.0, 0.864, 0.504), (0.0, 0.504, -0.864))
     light = Light("Lamp", "Lamp", "AREA", lamp(rng), (1.0, 1.0, 1.0))
     headers = tuple(
         Mesh(instance.name, str(i), len(mesh.positions), 2 * (len(mesh.face_starts) - 1))
         for i, (instance, mesh) in enumerate(zip(instances, meshes, strict=True))
     )
-    outline = Outline(
-        "Scene", "Layer", 1, SIZE, camera, (light,), tuple(instances), headers, (Material("Grey"),), seed=seed
-    )
+    outline = Outline("Scene", "Layer", 1, (light,), tuple(instances), headers, (Material("Grey"),))
     return outline, Arrays(tuple(meshes), np.array(matrices), (Cutout(),))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strata.addon.core.outline import PixelFilter
 from strata.addon.core.sampling import footprints
+from strata.addon.core.shot import PixelFilter
 from strata.addon.core.slices import finished
 from strata.addon.core.surface import SurfacePoints
 from strata.addon.core.view_rays import ViewRays
@@ -119,7 +119,7 @@ def test_any_light_has_a_sound_error(values, truth, noise, probes):
 def mask_of(strata, image: np.ndarray, truth: float, probes: int) -> LayerError:
     def look(pixels, jitter):
         nothing = np.zeros((len(pixels), 3))
-        return ViewRays(pixels, jitter, nothing, nothing, nothing[:, 0], {})
+        return ViewRays(pixels, jitter, nothing, nothing, nothing[:, 0], {}, None)
 
     def reference(seen, seed):
         return np.full((1, len(seen), 1), truth)

@@ -19,7 +19,7 @@ from strata.addon.effects.shared import steps as shared
 from strata.addon.measure.image import LightScore, MaskScore, WatchedImage, _checked
 from strata.addon.measure.report import LayerError
 from strata.tests.measure import images as made
-from strata.tests.measure.scenes import random_scene
+from strata.tests.measure.scenes import random_scene, shot_of
 
 LIGHTS = [
     made.slightly_off,
@@ -200,7 +200,7 @@ def baked(monkeypatch, gain: float, samples: int, effect: Effect = GLOW) -> dict
     options = baking.Options(
         backend="cpu", samples=samples, probes=512, values={"glow": {"gain": gain}} if gain != 1.0 else {}
     )
-    graph = baking.plan_scene(outline, options)
+    graph = baking.plan_scene(outline, shot_of(0), options)
     result = baking.BakeJob(outline, graph, arrays, options).result()
     return {layer["name"]: layer for layer in result.layers.report["layers"]}
 
@@ -236,7 +236,7 @@ class LargestValue:
 
     metric = "largest value"
 
-    def watch(self, layer, outline, attributes):
+    def watch(self, layer, outline, shot, attributes):
         return WatchedImage(layer.name, layer.effect, attributes)
 
     def measure(self, probed, probes, seed):

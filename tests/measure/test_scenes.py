@@ -21,7 +21,7 @@ from strata.addon.effects.shared import steps
 from strata.addon.effects.soft_shadow import EFFECT
 from strata.addon.measure.measure import Measurement
 from strata.addon.measure.report import LayerError
-from strata.tests.measure.scenes import random_scene
+from strata.tests.measure.scenes import random_scene, shot_of
 
 SCENES = 50
 PROBES = 64
@@ -50,7 +50,7 @@ class Shot:
     def measured(self, values=None, probes=PROBES, seed=0) -> LayerError:
         values = self.values if values is None else values
         measurement = Measurement(self.graph, self.outline, probes, seed)
-        width, height = self.outline.size
+        width, height = self.graph.shot.size
         chunk = Chunk(width, height, 0, height, 0, (0.0, 0.0))
         finished(measurement.add(chunk, self.surface, {self.layer.name: values}))
         return finished(measurement.measure(self.layer, self.rays, self.casters, values))
@@ -61,7 +61,7 @@ class Shot:
             np.ascontiguousarray(self.surface[name].reshape(-1, 3))
             for name in ("position", "geometric_normal", "shading_normal")
         ]
-        emitter, eye = self.outline.lights[0].emitter.packed(), np.array(self.outline.view.eye)
+        emitter, eye = self.outline.lights[0].emitter.packed(), np.array(self.graph.shot.origin)
         halves = [
             strata_kernels.ray_visibility(
                 self.rays.accel, self.casters, emitter, eye, *points, TRUTH_RAYS, 1000 + half
@@ -74,7 +74,7 @@ class Shot:
 def bake(seed: int) -> Shot | None:
     """None where the plan leaves the light out."""
     outline, arrays = random_scene(seed)
-    graph = plan(outline, {EFFECT: EFFECT.params(resolution=256)})
+    graph = plan(outline, shot_of(seed), {EFFECT: EFFECT.params(resolution=256)})
     if not graph.layers:
         return None
     device = CpuDevice()
@@ -82,9 +82,9 @@ def bake(seed: int) -> Shot | None:
     executor = Executor(device, device)
     layer = graph.layers[0]
     shot = Shot(outline, graph, {}, np.empty(0), None, device.instance_mask(layer.casters))
-    drain(executor.run(graph, Sampling(*outline.size), shot))
-    accelerator = executor.value(steps.ray_accelerator(outline), device)
-    shot.rays = CpuRays(accelerator, np.array(outline.view.eye))
+    drain(executor.run(graph, Sampling(*graph.shot.size), shot))
+    accelerator = executor.value(steps.ray_accelerator(outline, graph.shot), device)
+    shot.rays = CpuRays(accelerator, np.array(graph.shot.origin))
     return shot
 
 
@@ -167,6 +167,6 @@ def test_the_choice_of_tiles_does_not_change_the_report(monkeypatch):
     measurement = Measurement(shot.graph, shot.outline, PROBES, 0)
     device = CpuDevice()
     device.set_scene(*random_scene(2))
-    drain(Executor(device, device).run(shot.graph, Sampling(*shot.outline.size), measurement))
+    drain(Executor(device, device).run(shot.graph, Sampling(*shot.graph.shot.size), measurement))
     tiled = finished(measurement.measure(shot.layer, shot.rays, shot.casters, shot.values))
     assert tiled.to_json() | {"seconds": 0} == shot.measured().to_json() | {"seconds": 0}

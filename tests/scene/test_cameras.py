@@ -10,8 +10,9 @@ import numpy as np
 import OpenEXR
 import pytest
 from strata.addon.core.errors import StrataError
-from strata.addon.core.outline import Camera, Outline
+from strata.addon.core.outline import Outline
 from strata.addon.core.sampling import jitters
+from strata.addon.core.shot import Camera, Raster
 from strata.addon.core.view import View
 from strata.addon.scene.cameras import camera_of, viewport_camera
 from strata.addon.scene.render_depsgraph import with_render_depsgraph
@@ -99,9 +100,9 @@ def test_unusable_cameras_are_refused(scene):
         camera_of(bpy.data.objects["Cube"])
 
 
-def _outline(scene, **options):
+def _shot(scene, **options):
     def look(depsgraph):
-        return scan(depsgraph, ScanOptions(**options)).outline
+        return scan(depsgraph, ScanOptions(**options)).shot
 
     return with_render_depsgraph(scene, scene.view_layers[0], look)
 
@@ -116,44 +117,44 @@ def test_the_render_region_is_blenders(scene, tmp_path, border):
     render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = border
     render.image_settings.file_format = "OPEN_EXR"
     render.filepath = str(tmp_path / "crop.exr")
-    outline = _outline(scene)
+    shot = _shot(scene)
     bpy.ops.render.render(write_still=True)
     with OpenEXR.File(render.filepath) as file:
         height, width = next(iter(file.channels().values())).pixels.shape[:2]
-    assert outline.size == (width, height)
+    assert shot.size == (width, height)
     # The part is where it is in the whole: pixel centres of both views agree.
-    x0, y0 = outline.region[:2]
-    whole = outline.camera.view(*outline.frame_size)
-    step = (whole.window[1] - whole.window[0]) / outline.frame_size[0]
-    assert outline.view.window[0] == pytest.approx(whole.window[0] + x0 * step)
-    assert outline.view.window[2] == pytest.approx(whole.window[2] + y0 * step)
-    assert (outline.view.window[1] - outline.view.window[0]) / width == pytest.approx(step)
+    x0, y0 = shot.source.region[:2]
+    whole = shot.source.camera.view(*shot.source.frame_size)
+    step = (whole.window[1] - whole.window[0]) / shot.source.frame_size[0]
+    assert shot.view.window[0] == pytest.approx(whole.window[0] + x0 * step)
+    assert shot.view.window[2] == pytest.approx(whole.window[2] + y0 * step)
+    assert (shot.view.window[1] - shot.view.window[0]) / width == pytest.approx(step)
 
 
 def test_size_region_and_filter(scene):
     render = scene.render
     render.resolution_x, render.resolution_y, render.resolution_percentage = 101, 51, 50
-    assert _outline(scene).size == (50, 25)
-    assert _outline(scene, size=(30, 20)).size == (30, 20)
+    assert _shot(scene).size == (50, 25)
+    assert _shot(scene, size=(30, 20)).size == (30, 20)
     render.use_border = True
     render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.2, 0.6, 0.5, 1.0
-    outline = _outline(scene, size=(10, 10))
-    assert (outline.size, outline.region) == ((10, 10), (2, 5, 6, 10))
+    shot = _shot(scene, size=(10, 10))
+    assert (shot.size, shot.source.region) == ((10, 10), (2, 5, 6, 10))
     render.border_max_x = 0.201
     with pytest.raises(StrataError, match="region has no pixels"):
-        _outline(scene)
+        _shot(scene)
     render.use_border = False
     render.engine = "CYCLES"
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "GAUSSIAN", 2.0
-    assert (_outline(scene).pixel_filter.kind, _outline(scene).pixel_filter.radius) == ("GAUSSIAN", 3.0)
+    assert (_shot(scene).pixel_filter.kind, _shot(scene).pixel_filter.radius) == ("GAUSSIAN", 3.0)
     scene.cycles.pixel_filter_type = "BOX"
-    assert _outline(scene).pixel_filter.radius == 0.5
+    assert _shot(scene).pixel_filter.radius == 0.5
     render.engine, render.filter_size = "BLENDER_EEVEE", 1.25
-    assert _outline(scene).pixel_filter.radius == 1.25
+    assert _shot(scene).pixel_filter.radius == 1.25
     render.filter_size = 500.0
-    assert _outline(scene).pixel_filter.radius == 64.0
+    assert _shot(scene).pixel_filter.radius == 64.0
     render.filter_size = 0.0
-    assert (jitters(_outline(scene).pixel_filter, 8) == 0.0).all()
+    assert (jitters(_shot(scene).pixel_filter, 8) == 0.0).all()
 
 
 def test_a_camera_by_name_and_one_by_marker(scene):
@@ -167,7 +168,7 @@ def test_a_camera_by_name_and_one_by_marker(scene):
         return with_render_depsgraph(
             scene,
             scene.view_layers[0],
-            lambda depsgraph: scan(depsgraph, ScanOptions(camera=camera)).outline.camera.name,
+            lambda depsgraph: scan(depsgraph, ScanOptions(camera=camera)).shot.name,
             frame,
             camera and bpy.data.objects[camera],
         )
@@ -183,8 +184,8 @@ def test_a_camera_by_name_and_one_by_marker(scene):
 
 
 def test_shapes_of_the_header():
-    outline = Outline("s", "v", 1, (4, 2), Camera("c", (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, -1)))
-    assert outline.triangles == 0
+    raster = Raster(Camera("c", (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, -1)), (4, 2))
+    assert Outline("s", "v", 1).triangles == 0
     with pytest.raises(StrataError, match="no pixels"):
-        Outline("s", "v", 1, (0, 2), outline.camera)
-    assert mathutils.Vector(outline.view.forward) == mathutils.Vector((0, 0, -1))
+        Raster(raster.camera, (0, 2))
+    assert mathutils.Vector(raster.view.forward) == mathutils.Vector((0, 0, -1))

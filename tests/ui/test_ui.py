@@ -415,7 +415,7 @@ def test_history_is_kept_by_scene_and_is_bounded():
 def test_plan_is_shown_beside_what_it_is_about(scene):
     chosen = choose()
     outline, graph, _, _ = read_scene(chosen.scene, chosen.view_layer, Options())
-    STATE.show_plan(-1, plan_scene(outline, Options()))
+    STATE.show_plan(-1, plan_scene(outline, graph.shot, Options()))
     rows = STATE.plans[-1]
     assert {row.light for row in rows if not row.kept} >= {entry.light for entry in graph.left_out}
     assert all(row.reason for row in rows if not row.kept)

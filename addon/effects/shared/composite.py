@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...core.culling import around, boxes_of, receivers_in_view
+from ...core.culling import around, receivers_in_view
 from ...core.effect import LayerKind
 from ...core.graph import Node
 from ...core.outline import Outline
@@ -28,7 +28,7 @@ def record(recorder: Recorder, outline: Outline) -> None:
     their kind declares (`LayerKind.role`): first those that scale one light, then emission, then those that
     all light from surfaces passes, then those that add light of their own, and last those that lie over it.
     """
-    seen, receivers = receivers_in_view(outline, boxes_of(outline))
+    seen, receivers = receivers_in_view(outline, recorder.shot)
     if not len(receivers):
         return
     visible = outline.instances.subset(seen)

@@ -169,7 +169,7 @@ def irradiance(recorder: Recorder, outline: Outline, light: Light) -> Node:
         IRRADIANCE,
         surface,
         instance=light.name,
-        eye=outline.view.eye,
+        eye=recorder.shot.origin,
         emitter=light.emitter,
         receivers=light.receivers,
     )

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...core.culling import around, boxes_of
 from ...core.outline import Outline
+from ...core.shot import Shot
 from ...core.slices import finished
 from ...core.surface import Chunk
 from .steps import SURFACE
@@ -27,26 +28,28 @@ STRIP_PIXELS = 1 << 17
 again."""
 
 
-def seen_boxes(device, geometry, outline: Outline, visible: frozenset[int]) -> np.ndarray:
+def seen_boxes(device, geometry, outline: Outline, shot: Shot, visible: frozenset[int]) -> np.ndarray:
     """`look`, to its end."""
-    return finished(look(device, geometry, outline, visible))
+    return finished(look(device, geometry, outline, shot, visible))
 
 
-def look(device, geometry, outline: Outline, visible: frozenset[int]) -> Generator[None, None, np.ndarray]:
+def look(
+    device, geometry, outline: Outline, shot: Shot, visible: frozenset[int]
+) -> Generator[None, None, np.ndarray]:
     """(M, 2, 3) float64 boxes, world space, around the points of the instances `visible` that the camera
     sees, a tile of the image each; and the boxes of instances that the look hit nowhere, since they may be
     too thin for it, unless they are larger than all that was hit: those are hidden. `device` is the CPU,
     `geometry` its handle. Yields between strips of the picture."""
-    width, height = (-(-side // COARSER) for side in outline.computed_size)
+    width, height = (-(-side // COARSER) for side in shot.computed_size)
     attributes = frozenset({"position", "depth", "instance"})
     rows = max(STRIP_PIXELS // width // TILE, 1) * TILE
     boxes, is_hit = [], np.zeros(len(outline.instances) + 1, bool)
     for y0 in range(0, height, rows):
         chunk = Chunk(width, height, y0, min(y0 + rows, height), 0, (0.0, 0.0))
         surface = SURFACE.cpu(
-            device, geometry, view=outline.view, visible=visible, chunk=chunk, attributes=attributes
+            device, geometry, view=shot.view, visible=visible, chunk=chunk, attributes=attributes
         )
-        boxes.append(_boxes(surface, outline, width))
+        boxes.append(_boxes(surface, shot, width))
         is_hit[surface["instance"].reshape(-1)] = True  # -1, where nothing is, is the last place
         yield
     boxes = np.concatenate(boxes)
@@ -58,7 +61,7 @@ def look(device, geometry, outline: Outline, visible: frozenset[int]) -> Generat
     return np.concatenate([boxes, thin[np.ptp(thin, axis=1).max(axis=1) <= size]])
 
 
-def _boxes(surface: dict[str, np.ndarray], outline: Outline, width: int) -> np.ndarray:
+def _boxes(surface: dict[str, np.ndarray], shot: Shot, width: int) -> np.ndarray:
     """(N, 2, 3) float64 around the points of each tile of a strip that has any, low and high corners in world
     space."""
     hit = np.isfinite(surface["depth"])[..., None]
@@ -67,13 +70,13 @@ def _boxes(surface: dict[str, np.ndarray], outline: Outline, width: int) -> np.n
     shown = np.isfinite(low[:, 0])
     low, high = low[shown].astype(np.float64), high[shown].astype(np.float64)
     # What falls between the look's pixels, or a filter's width beside them.
-    left, right, _, _ = outline.view.window
+    left, right, _, _ = shot.view.window
     scale = np.ones(len(low))
-    if not outline.view.orthographic:
+    if not shot.view.orthographic:
         depth = np.where(hit, surface["depth"][..., None], np.float32(0.0))
         scale = _by_tile(np.maximum, depth, 0.0)[shown, 0].astype(np.float64)
     margin = MARGIN * (high - low) + (REACH * (right - left) / width * scale)[:, None]
-    eye = np.array(outline.view.eye)
+    eye = np.array(shot.view.eye)
     return np.stack([eye + low - margin, eye + high + margin], axis=1)
 
 

@@ -8,6 +8,7 @@ from ...core.culling import drawn_from
 from ...core.graph import Node, Step
 from ...core.outline import Outline
 from ...core.recorder import Recorder
+from ...core.shot import Shot
 from ...core.view import View
 from . import gpu_steps
 
@@ -98,7 +99,7 @@ def surface(recorder: Recorder, outline: Outline, visible: frozenset[int], *attr
     """What the camera sees of the instances `visible`."""
     recorder.reads_instances(visible)
     return recorder.surface(
-        SURFACE, geometry(recorder, outline), attributes, view=outline.view, visible=visible
+        SURFACE, geometry(recorder, outline), attributes, view=recorder.shot.view, visible=visible
     )
 
 
@@ -127,7 +128,7 @@ def layered_depth(
     )
 
 
-def ray_accelerator(outline: Outline) -> Node:
+def ray_accelerator(outline: Outline, shot: Shot) -> Node:
     """A hierarchy over all that casts shadows, is seen or is a medium, relative to the eye, one for all: each
     query names its instances. Outside any graph too: measuring asks for the one that an effect may have
     built."""
@@ -137,4 +138,4 @@ def ray_accelerator(outline: Outline) -> Node:
         for i, each in enumerate(outline.instances)
         if each.casts_shadow or each.visible_camera or each.medium is not None
     )
-    return Node(RAY_ACCELERATOR, "", (node,), {"eye": outline.view.eye, "casters": casters})
+    return Node(RAY_ACCELERATOR, "", (node,), {"eye": shot.origin, "casters": casters})

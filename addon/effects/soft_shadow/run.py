@@ -10,7 +10,6 @@ import numpy as np
 from ...core.culling import (
     WITHOUT_CASTERS,
     around,
-    boxes_of,
     casters_of,
     not_whole_in,
     receivers_in_view,
@@ -67,7 +66,7 @@ def run(recorder: Recorder, outline: Outline, params: SoftShadowParams) -> None:
         if shadow := visibility(recorder, outline, params, index):
             node, casters = shadow
             recorder.layer(EFFECT.layers[0], node, Of.lamp(index), casters)
-    seen, _ = receivers_in_view(outline, boxes_of(outline))
+    seen, _ = receivers_in_view(outline, recorder.shot)
     _report_idle_instances(recorder, outline, seen)
 
 
@@ -77,8 +76,7 @@ def visibility(
     """V of one light and what casts it, or None where nothing of its shadow falls in view: for other effects
     too, by Recorder.source."""
     light = outline.lights[index]
-    boxes = boxes_of(outline)
-    seen, receivers = receivers_in_view(outline, boxes)
+    seen, receivers = receivers_in_view(outline, recorder.shot)
     region = around(receivers) if len(receivers) else np.zeros((2, 3))
     visible = outline.instances.subset(seen)
     reason = _unneeded(light, visible, region)
@@ -122,8 +120,8 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers)
     surface = shared.surface(recorder, outline, visible, *attributes)
     away = _distances(outline, light.emitter, casters)
     close = _close_casters(params, light.emitter, casters, away)
-    is_looked_at = outline.seen is not None and light.emitter.kind == EmitterKind.DISTANT_DISK
-    eye = outline.view.eye if is_looked_at else None
+    is_looked_at = recorder.shot.seen is not None and light.emitter.kind == EmitterKind.DISTANT_DISK
+    eye = recorder.shot.origin if is_looked_at else None
 
     def find_views():
         boxes = outline.instances.boxes_of(casters)
@@ -151,7 +149,7 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers)
         instance = f"{light.name} {name}".strip()
         maps.append(_map(recorder, outline, params, view, drawn, resolution, instance))
         inner = view
-    eye = outline.view.eye
+    eye = recorder.shot.origin
     tables = _tables(recorder, outline, light, close, views)
     shadow = recorder.step(
         steps.BACKPROJECT,
@@ -169,7 +167,7 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers)
     )
     if params.method == Method.HYBRID or close:
         recorder.reads_instances(casters)
-        accelerator = shared.ray_accelerator(outline)
+        accelerator = shared.ray_accelerator(outline, recorder.shot)
         shadow = recorder.step(
             steps.RAYS,
             surface,
@@ -180,7 +178,7 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers)
             emitter=light.emitter,
             casters=casters,
             rays=params.rays,
-            seed=int(hash_bits(outline.seed, outline.frame, index)),
+            seed=int(hash_bits(recorder.shot.seed, outline.frame, index)),
         )
     visibility = recorder.step(steps.VISIBILITY, shadow, instance=light.name)
     if light.receivers is not None:

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from ...core.outline import Outline, PixelFilter
+from ...core.outline import Outline
 from ...core.sampling import footprint_side
+from ...core.shot import PixelFilter, Raster, Shot
 from ...core.surface import Chunk
 from ...core.view import View
 from .params import NO_FADE, Anchor, ToonParams
@@ -15,18 +16,18 @@ from .params import NO_FADE, Anchor, ToonParams
 ANCHOR_NUMBERS = {Anchor.SCREEN.value: 0.0, Anchor.OBJECT.value: 1.0, Anchor.SURFACE.value: 2.0}
 
 
-def settings(params: ToonParams, outline: Outline) -> dict:
+def settings(params: ToonParams, shot: Shot) -> dict:
     """What the halftone step is recorded with, besides its anchors."""
-    on_surface = params.halftone_anchor == Anchor.SURFACE
-    cell = params.halftone_cell_m if on_surface else outline.frame_size[1] / params.halftone_repeat
+    raster, on_surface = shot.source, params.halftone_anchor == Anchor.SURFACE
+    cell = params.halftone_cell_m if on_surface else raster.frame_size[1] / params.halftone_repeat
     return {
         "anchor": params.halftone_anchor.value,
-        "origin": outline.region[:2] if outline.region else (0, 0),
+        "origin": raster.region[:2] if raster.region else (0, 0),
         "turn": (math.cos(params.halftone_angle) / cell, math.sin(params.halftone_angle) / cell),
         "dot": (params.halftone_scale, params.halftone_cutoff, params.halftone_opacity),
         "fade": _fade(params.halftone_fade_start_m, params.halftone_fade_end_m),
-        "view": outline.view,
-        "pixel_filter": outline.pixel_filter,
+        "view": raster.view,
+        "pixel_filter": shot.pixel_filter,
     }
 
 
@@ -58,18 +59,18 @@ def packed_pattern(
     return [float(x) for x in (*numbers, *across, *view.forward, view.orthographic)]
 
 
-def anchors(params: ToonParams, outline: Outline) -> np.ndarray:
+def anchors(params: ToonParams, outline: Outline, raster: Raster) -> np.ndarray:
     """(instances, 12) float32: the origin of each in the frame, pixels, where the anchor is OBJECT; three
     rows that take positions relative to the eye to its axes, in metres, where it is SURFACE."""
     table = np.zeros((len(outline.instances), 12), np.float64)
-    view = outline.view
+    view = raster.view
     if len(table) and params.halftone_anchor == Anchor.OBJECT:
         origins = np.array([[row[3] for row in instance.matrix[:3]] for instance in outline.instances])
         x, y, depth = view.to_view(origins).T
         depth = np.ones_like(depth) if view.orthographic else np.maximum(depth, view.near)
         left, right, bottom, top = view.window
-        width, height = outline.computed_size
-        start = outline.region[:2] if outline.region else (0, 0)
+        width, height = raster.computed_size
+        start = raster.region[:2] if raster.region else (0, 0)
         table[:, 0] = start[0] + (x / depth - left) / (right - left) * width
         table[:, 1] = start[1] + (y / depth - bottom) / (top - bottom) * height
     elif len(table) and params.halftone_anchor == Anchor.SURFACE:

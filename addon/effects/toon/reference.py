@@ -14,6 +14,7 @@ from ...core.emitter import EmitterKind
 from ...core.graph import PlannedLayer
 from ...core.outline import Light as Lamp
 from ...core.outline import Outline
+from ...core.shot import Raster
 from ...core.surface import SurfacePoints
 from ...core.view_rays import ViewRays
 from ..shared import lit, visibility_truth
@@ -95,7 +96,7 @@ def _light(rays: RayCaster, outline: Outline, params: ToonParams, seen: ViewRays
     light, full = np.zeros(len(seen)), np.zeros(len(seen))
     normals = _normals(params, surface)[found]
     world = seen.origins[found] + seen.distances[found, None] * seen.directions[found]
-    at = _points(surface, found, world, outline)
+    at = _points(seen, found, world)
     for index, lamp in enumerate(outline.lights):
         power = max(float(np.dot((0.2126, 0.7152, 0.0722), lamp.intensity)), 0.0)
         if power <= 0.0 or (params.key_light and not lamp.is_called(params.key_light)):
@@ -139,9 +140,9 @@ def _facing(lamp: Lamp, power: float, world: np.ndarray, normals: np.ndarray):
     return power / distance**2, share
 
 
-def _points(surface, found, world: np.ndarray, outline: Outline) -> SurfacePoints:
+def _points(seen: ViewRays, found, world: np.ndarray) -> SurfacePoints:
     """The points `found`, which lie at `world`; a normal that the graph did not ask for is the other one."""
-    eye = np.array(outline.view.eye)
+    surface, eye = seen.surface, np.array(seen.shot.origin)
     other = surface.get("geometric_normal", surface.get("shading_normal"))
     normals = [surface.get(name, other)[found] for name in ("geometric_normal", "shading_normal")]
     columns = [np.ascontiguousarray(column, np.float32) for column in (world - eye, *normals)]
@@ -203,12 +204,13 @@ def halftone(rays: RayCaster, outline: Outline, layer: PlannedLayer, seen: ViewR
 
 def _places(outline: Outline, params: ToonParams, seen: ViewRays) -> tuple[np.ndarray, float]:
     """(N, 2) where rays meet the pattern, and the length of its cells in the same unit."""
-    frame_cell = outline.frame_size[1] / params.halftone_repeat
-    start = outline.region[:2] if outline.region else (0, 0)
+    raster = seen.shot.source
+    frame_cell = raster.frame_size[1] / params.halftone_repeat
+    start = raster.region[:2] if raster.region else (0, 0)
     at = seen.pixels + 0.5 + seen.jitter + np.array(start)
     instance = seen.surface["instance"]
     if params.halftone_anchor == Anchor.OBJECT:
-        return at - _origins(outline, start)[instance], frame_cell
+        return at - _origins(outline, raster, start)[instance], frame_cell
     if params.halftone_anchor == Anchor.SURFACE:
         found = np.flatnonzero(np.isfinite(seen.distances))
         places = np.zeros((len(seen), 2))
@@ -228,9 +230,9 @@ def _places(outline: Outline, params: ToonParams, seen: ViewRays) -> tuple[np.nd
     return at, frame_cell
 
 
-def _origins(outline: Outline, start) -> np.ndarray:
+def _origins(outline: Outline, raster: Raster, start) -> np.ndarray:
     """(I, 2) frame positions of the objects' origins, pixels."""
-    view, (width, height) = outline.view, outline.computed_size
+    view, (width, height) = raster.view, raster.computed_size
     left, right, bottom, top = view.window
     places = []
     for instance in outline.instances:
@@ -254,7 +256,7 @@ def outline_ink(
     """(1, N, 4) premultiplied: the nearest triangle of the hull before the surface. Inner lines are made by
     pixels, so where they are switched on this is not their truth."""
     hull = rays.value(_hull_node(layer))
-    view, size = outline.view, outline.computed_size
+    view, size = seen.shot.view, seen.shot.computed_size
     if (view, size) not in hull.memo:
         hull.memo[view, size] = HullRays(hull.triangles, view, size)
     hull_rays = hull.memo[view, size]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.culling import around, boxes_of, casters_of, receivers_in_view, unlit_reason
+from ...core.culling import around, casters_of, receivers_in_view, unlit_reason
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
 from ...core.outline import Outline
@@ -39,8 +39,7 @@ def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
     """The toon image, then dots and lines over it."""
     from . import HALFTONE, OUTLINE, TOON
 
-    boxes = boxes_of(outline)
-    seen, receivers = receivers_in_view(outline, boxes)
+    seen, receivers = receivers_in_view(outline, recorder.shot)
     if not seen.any():
         recorder.left_out("Toon", "nothing is in view")
         return
@@ -98,7 +97,7 @@ def _light(recorder, outline, params, surface, normal, visible, region) -> tuple
         surface,
         *(shadow[0] for shadow in shadows if shadow),
         normal=normal,
-        lights=packed_lights(lights, outline.view.eye),
+        lights=packed_lights(lights, recorder.shot.origin),
         shadowed=shadowed,
         linked=linked,
     )
@@ -119,12 +118,14 @@ def _shadow(recorder, outline, params, index, surface, normal, region) -> tuple[
     recorder.reads_instances(casters)
     is_distant = light.emitter.kind == EmitterKind.DISTANT_DISK
     place = (
-        -np.array(light.emitter.forward) if is_distant else light.emitter.centre - np.array(outline.view.eye)
+        -np.array(light.emitter.forward)
+        if is_distant
+        else light.emitter.centre - np.array(recorder.shot.origin)
     )
     node = recorder.step(
         steps.CRISP_SHADOW,
         surface,
-        shared.ray_accelerator(outline),
+        shared.ray_accelerator(outline, recorder.shot),
         instance=light.name,
         normal=normal,
         place=tuple(place.tolist()),
@@ -169,7 +170,7 @@ def _chosen_lights(recorder, outline, params, visible, region) -> list[int]:
 
 
 def _shade(recorder, outline, params, surface, light, normal, visible) -> Node:
-    ramps = ramps_of(outline, params)
+    ramps, view = ramps_of(outline, params), recorder.shot.view
     recorder.surface_with("material", *(["instance"] if ramps.instances is not None else []))
     if params.rim > 0.0:
         recorder.surface_with("position")
@@ -187,7 +188,7 @@ def _shade(recorder, outline, params, surface, light, normal, visible) -> Node:
         mix=params.mix.value,
         emission=params.emission,
         rim=(params.rim_width, params.rim, *params.rim_color) if params.rim > 0.0 else NO_RIM,
-        forward=outline.view.forward if outline.view.orthographic else None,
+        forward=view.forward if view.orthographic else None,
         **ramps.as_params(),
     )
 
@@ -204,7 +205,7 @@ def _no_dots(params: ToonParams) -> str | None:
 
 
 def _halftone(recorder, outline, params, light, excluded) -> Node:
-    attributes, settings = ["instance"], pattern.settings(params, outline)
+    attributes, settings = ["instance"], pattern.settings(params, recorder.shot)
     if params.halftone_anchor == Anchor.SURFACE:
         attributes += ["position", "geometric_normal"]
     elif settings["fade"][0]:
@@ -216,7 +217,7 @@ def _halftone(recorder, outline, params, light, excluded) -> Node:
         steps.HALFTONE,
         surface,
         light,
-        anchors=pattern.anchors(params, outline),
+        anchors=pattern.anchors(params, outline, recorder.shot.source),
         inked=inked.tobytes(),
         **settings,
     )
@@ -236,14 +237,14 @@ def _outline(recorder, outline, params, visible, excluded, kind) -> None:
         recorder.left_out("Toon Outline", "its width is 0")
         return
     geometry = shared.geometry(recorder, outline)
-    view = outline.view
+    view = recorder.shot.view
     if params.outline_thickness:
         recorder.wants(f"vertex:{params.outline_thickness}")
     hull = recorder.step(
         steps.HULL,
         geometry,
         view=view,
-        pixel=(view.window[3] - view.window[2]) / outline.computed_size[1],
+        pixel=(view.window[3] - view.window[2]) / recorder.shot.computed_size[1],
         instances=tuple(drawn),
         width=width,
         in_pixels=in_pixels,

@@ -42,7 +42,7 @@ def transmitted(
 ) -> np.ndarray:
     """(1, N, 3) float64, exact but for rounding."""
     fill, _ = fill_of(outline, layer.params)
-    starts, ends = _limits(outline, view_rays)
+    starts, ends = _limits(view_rays)
     extinction = np.array(fill.medium.extinction)
     crossings = _camera_crossings(rays, outline, fill, view_rays)
     metres = _inside(crossings, starts, ends)[:, None]
@@ -60,7 +60,7 @@ def scattered(
     generator = np.random.Generator(np.random.PCG64(seed))
     casters = np.zeros(len(outline.instances), np.uint8)
     casters[sorted(layer.casters)] = 1
-    starts, ends = _limits(outline, view_rays)
+    starts, ends = _limits(view_rays)
     crossings = _camera_crossings(rays, outline, fill, view_rays)
     ends = np.maximum(ends, starts)
     if fill.instances is not None:
@@ -78,10 +78,11 @@ def scattered(
     return np.array(halves) * unit
 
 
-def _limits(outline: Outline, view_rays: ViewRays) -> tuple[np.ndarray, np.ndarray]:
+def _limits(view_rays: ViewRays) -> tuple[np.ndarray, np.ndarray]:
     """Where each ray begins, at the near plane as in Cycles, and ends, (N,) metres."""
-    along = view_rays.directions @ np.array(outline.view.forward)
-    return outline.view.near / along, view_rays.distances
+    view = view_rays.shot.view
+    along = view_rays.directions @ np.array(view.forward)
+    return view.near / along, view_rays.distances
 
 
 def _camera_crossings(rays, outline: Outline, fill: Fill, view_rays: ViewRays) -> np.ndarray | None:

@@ -19,7 +19,7 @@ from ...core.graph import Node
 from ...core.outline import Light, Outline
 from ...core.recorder import Recorder
 from ...core.roles import Of, Subject
-from ...core.view import Vector
+from ...core.view import Vector, View
 from ..shared import steps as shared
 from ..shared.light_views import NamedView, distant_view, point_views
 from . import steps
@@ -61,11 +61,11 @@ def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> 
         )
         return recorder.left_out("Volumetric Light", f"no fog ({lacks})")
     boxes = boxes_of(outline)
-    region = _region(outline, fill, boxes)
+    region = _region(outline, recorder.shot.view, fill, boxes)
     if region is None:
         return recorder.left_out("Volumetric Light", "the medium is not in view")
     # The same as other effects take: one surface serves all.
-    seen, _ = receivers_in_view(outline, boxes)
+    seen, _ = receivers_in_view(outline, recorder.shot)
     surface = shared.surface(recorder, outline, outline.instances.subset(seen), "depth")
     stride = params.scale.stride
     if not any(fill.medium.scattering):
@@ -98,14 +98,13 @@ def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> 
     step, spans = steps.TRANSMITTANCE, []
     if fill.instances is not None:
         step, spans = steps.BOUNDED_TRANSMITTANCE, [_spans(recorder, outline, fill, 1)]
-    transmittance = recorder.step(step, surface, *spans, view=outline.view, medium=fill.medium)
+    transmittance = recorder.step(step, surface, *spans, view=recorder.shot.view, medium=fill.medium)
     recorder.layer(EFFECT.layers[1], transmittance)
 
 
-def _region(outline: Outline, fill: Fill, boxes: np.ndarray) -> np.ndarray | None:
+def _region(outline: Outline, view: View, fill: Fill, boxes: np.ndarray) -> np.ndarray | None:
     """(2, 3): a box around the medium in view, as far as anything in the scene can shadow it; None where
     there is none."""
-    view = outline.view
     everything = corners_of(boxes).reshape(-1, 3)
     lamps = [light.emitter.centre for light in outline.lights if light.kind != "SUN"]
     points = np.concatenate([everything, np.array(lamps, np.float64).reshape(-1, 3)])
@@ -150,7 +149,7 @@ def _part(recorder, outline, params, stride, fill, surface, light, number, sourc
         windows = 1 if any(face == "" for face, _ in views) else windows
     common = {
         "instance": name,
-        "view": outline.view,
+        "view": recorder.shot.view,
         "medium": fill.medium,
         "source": source,
         "counts": tuple(counts),
@@ -162,8 +161,12 @@ def _part(recorder, outline, params, stride, fill, surface, light, number, sourc
         ways = _ways(recorder, outline, fill, light, source, name)
         inputs = (surface, spans, *maps, *ways)
         return recorder.step(steps.BOUNDED, *inputs, order=params.order, **common)
-    if params.method == Method.LUT and source.kind == SourceKind.UNIFORM and not outline.view.orthographic:
-        reach = _reach(outline, region)
+    if (
+        params.method == Method.LUT
+        and source.kind == SourceKind.UNIFORM
+        and not recorder.shot.view.orthographic
+    ):
+        reach = _reach(recorder.shot.view, region)
         return recorder.step(steps.BY_TABLE, surface, *maps, reach=reach, **common)
     return recorder.step(steps.AIRLIGHT, surface, *maps, order=params.order, **common)
 
@@ -186,7 +189,7 @@ def _spans(recorder: Recorder, outline: Outline, fill: Fill, stride: int) -> Nod
         steps.SPANS,
         shared.geometry(recorder, outline),
         instance="camera",
-        view=outline.view,
+        view=recorder.shot.view,
         instances=fill.instances,
         layers=MEDIUM_LAYERS,
         stride=stride,
@@ -214,7 +217,7 @@ def _views(
     return point_views(eye, axes, tangent, boxes, behind=not is_area)
 
 
-def _reach(outline: Outline, region: np.ndarray) -> float:
+def _reach(view: View, region: np.ndarray) -> float:
     """How long rays are at most that a table has to answer for, metres."""
-    corners = corners_of(region[None])[0] - np.array(outline.view.eye)
+    corners = corners_of(region[None])[0] - np.array(view.eye)
     return float(np.linalg.norm(corners, axis=1).max())

@@ -18,7 +18,7 @@ from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared import composite, lit
 from strata.addon.effects.shared.joins import Join
 from strata.addon.scene.open import choose, open_blend
-from strata.tests.core.test_executor import tilted_quad_scene
+from strata.tests.core.test_executor import SHOT, tilted_quad_scene
 from strata.tests.support.gpu_scenes import gpu_device
 from strata.tests.support.places import SAMPLES
 
@@ -155,7 +155,7 @@ def one_sun(**more) -> Light:
 
 
 def graph_of(outline: Outline):
-    recorder = Recorder(outline)
+    recorder = Recorder(outline, SHOT)
     composite.record(recorder, outline)
     return recorder.graph()
 
@@ -182,7 +182,7 @@ def test_a_scene_with_nothing_in_view_has_no_composite():
 def test_any_later_layer_joins_by_its_kind():
     outline, _ = tilted_quad_scene()
     outline = replace(outline, lights=(one_sun(),))
-    recorder = Recorder(outline)
+    recorder = Recorder(outline, SHOT)
     node = recorder.step(Step("fog", cpu=lambda device: None))
     recorder.layer(LayerKind("Fog", "V", role=Role.TRANSMITTANCE), node)
     recorder.layer(LayerKind("Depth", "Z"), node)

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 from strata.addon.core.arrays import MeshArrays
 from strata.addon.core.emitter import Emitter, EmitterKind
-from strata.addon.core.outline import Light, PixelFilter
+from strata.addon.core.outline import Light
+from strata.addon.core.shot import PixelFilter
 from strata.addon.core.surface import Chunk
 from strata.addon.core.view import View
 from strata.addon.devices.cpu import CpuDevice

@@ -66,6 +66,6 @@ def _execution(read, samples: int) -> Execution:
     executor = Executor(device, device)
     execution = _Watched()
     execution.deviation = {}
-    sampling = Sampling(*outline.computed_size, samples, outline.pixel_filter)
+    sampling = Sampling(*graph.shot.computed_size, samples, graph.shot.pixel_filter)
     drain(executor.run(graph, sampling, execution=execution))
     return execution

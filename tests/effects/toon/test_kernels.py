@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 import strata_kernels as kernels
-from strata.addon.core.outline import Camera, Outline, PixelFilter
 from strata.addon.core.ramp import Ramp
+from strata.addon.core.shot import Camera, PixelFilter, Raster, Shot
 from strata.addon.core.surface import Chunk
 from strata.addon.effects.toon.params import Anchor, ToonParams
 from strata.addon.effects.toon.pattern import packed_pattern, settings
@@ -167,11 +167,11 @@ def _dots(s: float, cell: float, angle: float = 0.0, samples: int = 1, side: int
         halftone_scale=s, halftone_cutoff=0.0, halftone_angle=angle, halftone_repeat=side / cell
     )
     box = PixelFilter("BOX", 0.5)  # one pixel wide
-    outline = Outline("Scene", "View Layer", 1, (side, side), CAMERA, pixel_filter=box)
+    shot = Shot("Camera", Raster(CAMERA, (side, side)), box)
     chunk = Chunk(side, side, 0, side, 0, (0.0, 0.0), samples)
     nothing = np.zeros((side, side), np.float32)
     paper = kernels.toon_halftone(
-        nothing, nothing.astype(np.int32), packed_pattern(chunk, **settings(params, outline)),
+        nothing, nothing.astype(np.int32), packed_pattern(chunk, **settings(params, shot)),
         b"\1", np.zeros((1, 12), np.float32),
     )  # fmt: skip
     return 1.0 - paper
@@ -216,13 +216,13 @@ def test_each_pixel_holds_the_dots_share_of_its_footprint(s, samples):
 
 def test_dots_end_at_the_cutoff_and_fade_with_distance():
     light = np.linspace(0.0, 1.0, 64, dtype=np.float32)[None].repeat(64, axis=0)
-    outline = Outline("Scene", "View Layer", 1, (64, 64), CAMERA)
+    shot = Shot("Camera", Raster(CAMERA, (64, 64)))
     chunk = Chunk(64, 64, 0, 64, 0, (0.0, 0.0))
     position = np.zeros((64, 64, 3), np.float32)
     position[..., 2] = -np.linspace(1.0, 9.0, 64)[:, None]
 
     def ink(**values):
-        pattern = packed_pattern(chunk, **settings(ToonParams(**values), outline))
+        pattern = packed_pattern(chunk, **settings(ToonParams(**values), shot))
         instance = np.zeros((64, 64), np.int32)
         return 1.0 - kernels.toon_halftone(
             light, instance, pattern, b"\1", np.zeros((1, 12), np.float32), position
@@ -245,7 +245,7 @@ def test_dots_stay_on_a_surface_that_the_camera_passes():
     images = []
     for moved in (0.0, 0.3):
         camera = Camera("Camera", (moved, 0, 2.0), (1, 0, 0), (0, 1, 0), (0, 0, -1), lens=36.0)
-        outline = Outline("Scene", "View Layer", 1, (200, 200), camera)
+        shot = Shot("Camera", Raster(camera, (200, 200)))
         x = (np.arange(200) + 0.5) / 200 - 0.5
         ray = np.stack([*np.meshgrid(x, x), np.full((200, 200), -1.0)], axis=-1)
         position = (2.0 * ray).astype(np.float32)
@@ -256,7 +256,7 @@ def test_dots_stay_on_a_surface_that_the_camera_passes():
         images.append(
             kernels.toon_halftone(
                 np.zeros((200, 200), np.float32), np.zeros((200, 200), np.int32),
-                packed_pattern(chunk, **settings(params, outline)), b"\1", row, position, normal,
+                packed_pattern(chunk, **settings(params, shot)), b"\1", row, position, normal,
             )
         )  # fmt: skip
     # 0.3 m are 30 pixels at 2 m.

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from strata.addon.core.arrays import Cutout
-from strata.addon.core.outline import PixelFilter
 from strata.addon.core.ramp import Ramp
+from strata.addon.core.shot import PixelFilter
 from strata.addon.core.surface import ATTRIBUTES, Chunk
 from strata.addon.core.view import View
 from strata.addon.effects.shared.steps import SURFACE
