@@ -16,7 +16,8 @@ class MeshArrays:
     `positions` (V, 3) f32; `corner_vertices` (C,) i32; `face_starts` (F + 1,) i32, the first corner of each
     face and then C; `corner_normals` (C, 3) f32 unit, None for a flat mesh; `corner_uvs` (C, 2) f32, None
     where nothing samples them; `face_slots` (F,) i32 material slots, None for slot 0 throughout;
-    `vertex_values` (V,) f32 of a vertex group or an attribute that was asked for, None without it.
+    `vertex_values` (V,) f32 by the name of the vertex group or the attribute, of those that were asked for
+    and that the mesh has.
     """
 
     positions: np.ndarray
@@ -25,11 +26,17 @@ class MeshArrays:
     corner_normals: np.ndarray | None = None
     corner_uvs: np.ndarray | None = None
     face_slots: np.ndarray | None = None
-    vertex_values: np.ndarray | None = None
+    vertex_values: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All that are there, by name."""
+        found = {name: array for name, array in vars(self).items() if isinstance(array, np.ndarray)}
+        return found | {f"vertex:{name}": values for name, values in self.vertex_values.items()}
 
     @property
     def nbytes(self) -> int:
-        return sum(a.nbytes for a in vars(self).values() if a is not None)
+        return sum(array.nbytes for array in self.arrays.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +47,15 @@ class Cutout:
     threshold: float = 0.0
     alpha: float = 1.0
     texels: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Placed:
+    """One appearance of a mesh, as a geometry takes it; an outline's Instance is one too."""
+
+    mesh: int
+    object_id: int
+    materials: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,13 +75,19 @@ class Arrays:
     warnings: tuple[str, ...] = ()
 
 
+def separate_triangles(corners: np.ndarray) -> MeshArrays:
+    """A mesh of triangles (3 T, 3) float32 that share no vertices."""
+    count = len(corners)
+    starts = np.arange(0, count + 1, 3, dtype=np.int32)
+    return MeshArrays(corners, np.arange(count, dtype=np.int32), starts)
+
+
 def same_arrays(a: MeshArrays, b: MeshArrays) -> bool:
     """Whether two meshes have the same numbers."""
-    pairs = [(vars(a)[name], vars(b)[name]) for name in vars(a)]
-    return all(
-        x is y or (x is not None and y is not None and np.array_equal(x, y, equal_nan=False))
-        for x, y in pairs
-    )
+    first, second = a.arrays, b.arrays
+    if first.keys() != second.keys():
+        return False
+    return all(x is second[name] or np.array_equal(x, second[name]) for name, x in first.items())
 
 
 def reusing(new: Arrays, old: Arrays, pairs: Iterable[tuple[int, int]]) -> Arrays:

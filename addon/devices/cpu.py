@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from queue import Empty, SimpleQueue
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import strata_kernels
 
-from ..core.arrays import Arrays, MeshArrays, bytes_of
+from ..core.arrays import Arrays, MeshArrays, Placed, bytes_of
 from ..core.graph import Node
 from ..core.outline import Outline
 from ..core.shot import Shot
@@ -67,12 +67,16 @@ class CpuDevice:
     def geometry(self) -> strata_kernels.Geometry:
         """Every instance of the scene, at its index in the outline. Meshes that an earlier scene had (the
         same MeshArrays) are not read again."""
+        return self.geometry_of(self._outline.instances, self._arrays)
+
+    def geometry_of(self, instances: Sequence[Placed], arrays: Arrays) -> strata_kernels.Geometry:
+        """`instances` of the meshes of `arrays`, which are no part of the scene, say."""
         geometry = strata_kernels.Geometry()
-        for mesh in self._arrays.meshes:
+        for mesh in arrays.meshes:
             geometry.add_shared_mesh(self._triangles(mesh))
-        for cutout in self._arrays.cutouts:
+        for cutout in arrays.cutouts:
             geometry.add_material(cutout.threshold, cutout.alpha, cutout.texels)
-        for instance, matrix in zip(self._outline.instances, self._arrays.matrices, strict=True):
+        for instance, matrix in zip(instances, arrays.matrices, strict=True):
             geometry.add_instance(instance.mesh, matrix, instance.object_id, list(instance.materials))
         return geometry
 
@@ -94,21 +98,11 @@ class CpuDevice:
         mesh = self._triangles(arrays.meshes[self._outline.instances[instance].mesh])
         return mesh.distance(arrays.matrices[instance], list(place), most_m)
 
-    def geometry_of_triangles(self, triangles: dict[int, np.ndarray], matrix) -> strata_kernels.Geometry:
-        """Triangle corners (3 T, 3) float32, by object id; `matrix` (4, 4) takes them all to the world."""
-        geometry = strata_kernels.Geometry()
-        geometry.add_material(0.0, 1.0)
-        for object_id, corners in (triangles or {0: np.zeros((0, 3), np.float32)}).items():
-            count = len(corners)
-            starts = np.arange(0, count + 1, 3, dtype=np.int32)
-            mesh = geometry.add_mesh(corners, np.arange(count, dtype=np.int32), starts)
-            geometry.add_instance(mesh, matrix, object_id, [0])
-        return geometry
-
-    def vertex_values(self) -> list[tuple[int, np.ndarray]]:
-        """Meshes that have the values of vertices that the graph asked for: index and (V,) float32."""
+    def vertex_values(self, name: str) -> list[tuple[int, np.ndarray]]:
+        """Meshes whose vertices have values of that name, which the graph asked for: index and (V,)
+        float32."""
         meshes = enumerate(self._arrays.meshes)
-        return [(index, mesh.vertex_values) for index, mesh in meshes if mesh.vertex_values is not None]
+        return [(index, mesh.vertex_values[name]) for index, mesh in meshes if name in mesh.vertex_values]
 
     def instance_mask(self, instances: frozenset[int]) -> np.ndarray:
         """(instance count,) uint8, 1 at `instances`."""

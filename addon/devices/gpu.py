@@ -7,15 +7,14 @@ import ctypes
 import os
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from threading import Event
-from types import SimpleNamespace
 from typing import Any, ClassVar
 from weakref import WeakSet
 
 import numpy as np
 
-from ..core.arrays import Arrays, Cutout, MeshArrays, bytes_of
+from ..core.arrays import Arrays, Placed, bytes_of
 from ..core.errors import Cancelled, DeviceUnavailable
 from ..core.outline import Outline
 from ..core.shader import Shader
@@ -91,20 +90,11 @@ class GpuDevice:
         """Every instance of the scene, at its index in the outline. Of meshes, only those that the last
         scene did not have (the same MeshArrays) are uploaded."""
         self._meshes = GpuMeshes.of(self, self._arrays.meshes, self._meshes)
-        return GpuGeometry(self, self._outline, self._arrays, self._meshes)
+        return GpuGeometry(self, self._outline.instances, self._arrays, self._meshes)
 
-    def geometry_of_triangles(self, triangles: dict[int, np.ndarray], matrix) -> GpuGeometry:
-        """Triangle corners (3 T, 3) float32, by object id; `matrix` (4, 4) takes them all to the world."""
-        triangles = triangles or {0: np.zeros((0, 3), np.float32)}
-        meshes, instances = [], []
-        for object_id, corners in triangles.items():
-            count = len(corners)
-            starts = np.arange(0, count + 1, 3, dtype=np.int32)
-            meshes.append(MeshArrays(corners, np.arange(count, dtype=np.int32), starts))
-            instances.append(SimpleNamespace(mesh=len(instances), object_id=object_id, materials=(0,)))
-        arrays = Arrays(tuple(meshes), np.array([matrix] * len(meshes)), (Cutout(),))
-        outline = SimpleNamespace(instances=tuple(instances))
-        return GpuGeometry(self, outline, arrays, GpuMeshes(self, arrays.meshes))
+    def geometry_of(self, instances: Sequence[Placed], arrays: Arrays) -> GpuGeometry:
+        """`instances` of the meshes of `arrays`, which are no part of the scene, say."""
+        return GpuGeometry(self, instances, arrays, GpuMeshes(self, arrays.meshes))
 
     def texture(self, image: int) -> GpuImage | None:
         """Texels of `outline.images[image]`, uploaded when first asked for; None where they could not be

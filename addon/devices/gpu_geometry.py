@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.arrays import Arrays, Cutout
-from ..core.outline import Outline
+from ..core.arrays import Arrays, Cutout, Placed
 from ..core.view import View
 from .gpu_image import GpuImage
 from .gpu_meshes import GpuMeshes, MeshPlace
@@ -52,12 +52,12 @@ class DrawList:
 class GpuGeometry:
     """A scene's instances, and the tables of their meshes (GpuMeshes), which the next scene may share."""
 
-    def __init__(self, device, outline: Outline, arrays: Arrays, meshes: GpuMeshes):
+    def __init__(self, device, instances: Sequence[Placed], arrays: Arrays, meshes: GpuMeshes):
         self._device = device
-        self._instances = outline.instances
+        self._instances = instances
         self._tables_of_meshes = meshes
         self._meshes = meshes.places
-        self._mesh_of = np.array([instance.mesh for instance in outline.instances], int)
+        self._mesh_of = np.array([instance.mesh for instance in instances], int)
         self._boxes = _box_corners(meshes.places)
         self._matrices = np.asarray(arrays.matrices, np.float64).reshape(-1, 4, 4)
         self._cutouts = arrays.cutouts

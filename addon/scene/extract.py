@@ -27,7 +27,7 @@ WANTS = frozenset({CORNER_NORMALS, UV, ALPHA, BASE_COLOR})
 def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[int] | None = None) -> Arrays:
     """Arrays of the meshes that `instances` (indices; None: all) show; other meshes stay empty. `wants` is a
     subset of `WANTS`: `CORNER_NORMALS` of smooth meshes, `UV` of meshes with a material that samples a
-    texture, texels for `ALPHA` clips and for `BASE_COLOR`; and may have one `VERTEX` with a name."""
+    texture, texels for `ALPHA` clips and for `BASE_COLOR`; and may have any `VERTEX` with a name."""
     outline = scan.outline
     warnings: list[str] = []
     owners = _owners(outline)
@@ -40,17 +40,20 @@ def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[in
         else _no_faces()
         for index, source in enumerate(scan.mesh_sources)
     )
-    name = next((want.removeprefix(VERTEX) for want in wants if want.startswith(VERTEX)), None)
-    if name is not None:
+    names = sorted(want.removeprefix(VERTEX) for want in wants if want.startswith(VERTEX))
+    if names:
         meshes = tuple(
-            replace(mesh, vertex_values=vertex_values(source, owners[index], name))
-            if index in shown
-            else mesh
+            replace(mesh, vertex_values=_values(source, owners[index], names)) if index in shown else mesh
             for index, (mesh, source) in enumerate(zip(meshes, scan.mesh_sources, strict=True))
         )
     textures = _textures(scan, wants, warnings)
     matrices = np.array([instance.matrix for instance in outline.instances], np.float64).reshape(-1, 4, 4)
     return Arrays(meshes, matrices, _cutouts(outline, textures), textures, tuple(warnings))
+
+
+def _values(mesh: bpy.types.Mesh, owner: str, names: list[str]) -> dict[str, np.ndarray]:
+    found = {name: vertex_values(mesh, owner, name) for name in names}
+    return {name: values for name, values in found.items() if values is not None}
 
 
 def _owners(outline: Outline) -> list[str]:

@@ -81,7 +81,7 @@ def test_arrays_are_blenders_elements(scene):
     np.testing.assert_array_equal(got.face_slots, [p.material_index for p in mesh.polygons])
     assert outline.meshes[0].triangles == len(mesh.loop_triangles)
     assert [outline.materials[m].name for m in outline.instances[0].materials] == ["One", "Two"]
-    assert got.vertex_values is None
+    assert got.vertex_values == {}
     for array in list(vars(got).values())[:6]:
         assert array.flags.c_contiguous
     geometry = strata_kernels.Geometry()

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...core.arrays import Arrays, Cutout, Placed, separate_triangles
 from ...core.graph import Step
 from ...core.view import View
 from ..shared.membership import belong
@@ -138,7 +139,7 @@ def _hull(device, geometry, view: View, pixel, instances, width, in_pixels, leas
         least,
         most,
         list(scales),
-        device.vertex_values() if thickness else [],
+        device.vertex_values(thickness) if thickness else [],
         cancel=device.cancel_flag,
     )
     found = zip(instances, triangles, strict=True)
@@ -146,9 +147,13 @@ def _hull(device, geometry, view: View, pixel, instances, width, in_pixels, leas
 
 
 def _hull_geometry(device, hull):
+    """A mesh an instance, whose object id is the instance's index."""
+    triangles = hull.triangles or {0: np.zeros((0, 3), np.float32)}
+    placed = [Placed(mesh, instance, (0,)) for mesh, instance in enumerate(triangles)]
     matrix = np.eye(4)
     matrix[:3, 3] = hull.eye
-    return device.geometry_of_triangles(hull.triangles, matrix)
+    meshes = tuple(map(separate_triangles, triangles.values()))
+    return device.geometry_of(placed, Arrays(meshes, np.array([matrix] * len(meshes)), (Cutout(),)))
 
 
 def _outline(device, surface, hull, *lines, view: View, colours, chunk):
