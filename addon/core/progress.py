@@ -13,20 +13,7 @@ from collections.abc import Iterable
 from .execution import Execution
 from .graph import Graph, Node
 
-ORDINARY_SECONDS = {
-    "soft_shadow/prepare": 0.1,
-    "layered_depth": 0.015,
-    "volumetric_light/light_map": 0.013,
-    "volumetric_light/medium_map": 0.011,
-    "surface": 200e-9,
-    "soft_shadow/backproject": 1200e-9,
-    "soft_shadow/visibility": 1e-9,
-    "volumetric_light/bounded_airlight": 450e-9,
-    "volumetric_light/bounded_transmittance": 100e-9,
-}
-"""Of steps that are not as most are: per run, at the surface per pixel. Only their ratios count."""
-
-MOST_SECONDS = 0.01, 50e-9  # of most steps, per run and at the surface per pixel
+MOST_SECONDS = 0.01, 50e-9  # of steps that do not say (Step.ordinary_seconds)
 
 KNOWN_SECONDS = 0.5
 """What these are worth beside what the bake has shown so far: its first steps tell little of the others."""
@@ -103,4 +90,5 @@ def _kind(node: Node) -> tuple[str, bool]:
 
 
 def _ordinary(node: Node) -> float:
-    return ORDINARY_SECONDS.get(node.step.name, MOST_SECONDS[node.per_surface])
+    seconds = node.step.ordinary_seconds
+    return MOST_SECONDS[node.per_surface] if seconds is None else seconds

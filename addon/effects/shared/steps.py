@@ -72,9 +72,15 @@ def depth_bytes(node: Node, outline: Outline) -> int:
 # The scene's meshes and instances, on the device.
 GEOMETRY = Step("geometry", cpu=_geometry, gpu=gpu_steps.geometry, copyable=False, bytes_of=_geometry_bytes)
 # Shading points of one tile and sample: a dict of attribute arrays (core/surface.py).
-SURFACE = Step("surface", cpu=_surface, gpu=gpu_steps.surface, per_surface=True)
+SURFACE = Step("surface", cpu=_surface, gpu=gpu_steps.surface, per_surface=True, ordinary_seconds=200e-9)
 # The nearest `layers` depths along each texel's ray, ascending, by single-pass k-buffer (thesis 4.3).
-LAYERED_DEPTH = Step("layered_depth", cpu=_layered_depth, gpu=gpu_steps.layered_depth, bytes_of=depth_bytes)
+LAYERED_DEPTH = Step(
+    "layered_depth",
+    cpu=_layered_depth,
+    gpu=gpu_steps.layered_depth,
+    bytes_of=depth_bytes,
+    ordinary_seconds=0.015,
+)
 # A bounding volume hierarchy over the casters.
 RAY_ACCELERATOR = Step(
     "ray_accelerator",

@@ -97,14 +97,21 @@ def _prepared_bytes(node: Node, outline: Outline) -> int:
 
 # Biases and coarser maps of one layered depth map (thesis 5.3.2 and 5.3.4).
 PREPARE = Step(
-    "soft_shadow/prepare", cpu=_prepare, gpu=gpu_steps.prepare, copyable=False, bytes_of=_prepared_bytes
+    "soft_shadow/prepare",
+    cpu=_prepare,
+    gpu=gpu_steps.prepare,
+    copyable=False,
+    bytes_of=_prepared_bytes,
+    ordinary_seconds=0.1,
 )
 # Texels projected back onto the light from every shading point (thesis eq. 5.3).
-BACKPROJECT = Step("soft_shadow/backproject", cpu=_backproject, gpu=gpu_steps.backproject)
+BACKPROJECT = Step(
+    "soft_shadow/backproject", cpu=_backproject, gpu=gpu_steps.backproject, ordinary_seconds=1200e-9
+)
 # Where in a map's window to doubt it for what stands beside the window, close to the light.
 BESIDE = Step("soft_shadow/beside", cpu=_beside, hole="a table of a thousand entries")
 # Rays for the points that the map is unsure of.
 RAYS = Step("soft_shadow/rays", cpu=_rays, hole="rays live on the CPU only", told_chunk=True)
-VISIBILITY = Step("soft_shadow/visibility", cpu=_visibility, gpu=gpu_steps.visibility)
+VISIBILITY = Step("soft_shadow/visibility", cpu=_visibility, gpu=gpu_steps.visibility, ordinary_seconds=1e-9)
 # Instances that the light does not light stay as they are (light linking).
 RECEIVERS = Step("soft_shadow/receivers", cpu=_receivers, gpu=gpu_steps.receivers)

@@ -138,6 +138,7 @@ LIGHT_MAP = Step(
     gpu=gpu_steps.light_map,
     copyable=False,
     bytes_of=_light_map_bytes,
+    ordinary_seconds=0.013,
 )
 # A bounded medium's entries and exits from a light.
 MEDIUM_MAP = Step(
@@ -146,6 +147,7 @@ MEDIUM_MAP = Step(
     gpu=gpu_steps.medium_map,
     copyable=False,
     bytes_of=_medium_map_bytes,
+    ordinary_seconds=0.011,
 )
 # A bounded medium's entries and exits along the camera's rays.
 SPANS = Step("volumetric_light/spans", cpu=_spans, gpu=gpu_steps.spans, per_surface=True, told_chunk=True)
@@ -158,6 +160,7 @@ BOUNDED = Step(
     "volumetric_light/bounded_airlight",
     cpu=_bounded,
     gpu=gpu_steps.bounded_airlight,
+    ordinary_seconds=450e-9,
     told_chunk=True,
     work_of=_work,
 )
@@ -180,5 +183,6 @@ BOUNDED_TRANSMITTANCE = Step(
     "volumetric_light/bounded_transmittance",
     cpu=_bounded_transmittance,
     gpu=gpu_steps.bounded_transmittance,
+    ordinary_seconds=100e-9,
     told_chunk=True,
 )
