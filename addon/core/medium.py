@@ -1,4 +1,5 @@
-"""A homogeneous medium: what of light it turns aside and what it takes, per metre."""
+"""A homogeneous medium: what of light it turns aside and what it takes, per metre. A fact of the scene, as a
+material is (materials, the world and instances have one); what is made of it is the effects' own."""
 
 from __future__ import annotations
 
@@ -12,8 +13,8 @@ Coefficients = tuple[float, float, float]
 @dataclass(frozen=True)
 class Medium:
     """`scattering` and `absorption` per metre for red, green and blue, in the working space; `anisotropy` is
-    the mean cosine of Henyey and Greenstein's phase function: above 0 light goes on mostly as it went. Twin
-    of kernels/src/volumetric_light/medium.rs."""
+    the mean cosine of Henyey and Greenstein's phase function: above 0 light goes on mostly as it went. The
+    kernels have a twin."""
 
     scattering: Coefficients
     absorption: Coefficients

@@ -1,7 +1,7 @@
 """How wrong an image is: the one definition of every error figure, in float64.
 
-`weights` say how much a pixel matters (soft shadow: the unshadowed irradiance). `sampling` says how many
-pixels a sample stands for; None: every pixel is there, once.
+`weights` say how much a pixel matters (of a lamp's visibility: the unshadowed irradiance). `sampling` says
+how many pixels a sample stands for; None: every pixel is there, once.
 """
 
 from __future__ import annotations

@@ -139,8 +139,9 @@ class LightScore(_ImageScore):
 
 @dataclass(frozen=True)
 class MaskScore(_ImageScore):
-    """Of masks and toon: the share of wrong pixels. `reference` is asked at points inside the pixels: 64 view
-    rays a pixel, drawn from the render's pixel filter, are averaged and compared with the finished image."""
+    """Of masks and pictures in flat colours: the share of wrong pixels. `reference` is asked at points inside
+    the pixels: 64 view rays a pixel, drawn from the render's pixel filter, are averaged and compared with the
+    finished image."""
 
     metric: ClassVar[str] = "share of wrong pixels"
 

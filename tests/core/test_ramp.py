@@ -8,6 +8,7 @@ import pytest
 from strata.addon.core.errors import StrataError
 from strata.addon.core.params import Colour, ParamSpec, plain
 from strata.addon.core.ramp import HuePath, Ramp, RampInterpolation, RampMode
+from strata.addon.effects.toon.ramp_table import table_of
 from strata.addon.scene.own_settings import ramp_of
 from strata.addon.ui.properties import fill_ramp
 
@@ -46,7 +47,7 @@ def test_ramps_are_blenders_own(interpolation, mode, blender_ramp):
         positions = [0.0, 1.0, *(position for position, _ in ramp.stops)]
         positions = np.append(positions, rng.uniform(0, 1, 60).astype(np.float32)).astype(np.float64)
         truth = np.array([blender_ramp.evaluate(position)[:] for position in positions])
-        np.testing.assert_allclose(ramp.table().evaluate(positions), truth, atol=TOLERANCE, rtol=0)
+        np.testing.assert_allclose(table_of(ramp).evaluate(positions), truth, atol=TOLERANCE, rtol=0)
 
 
 def test_a_ramp_goes_to_blender_and_back(blender_ramp):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from strata.addon.effects.registry import EFFECTS
 from strata.tests.support.places import ROOT
 
 # docs/architecture.md; the longest match counts. addon/bake.py is the one call of all faces.
@@ -71,12 +73,21 @@ def imports(path: str, source: str) -> Iterator[tuple[str, bool]]:
                 yield (target.with_suffix(".py") if is_file else target).as_posix(), True
 
 
+def _effect_of(path: str) -> str:
+    """The folder of the effect that a path lies in; empty for what several share, and elsewhere."""
+    parts = Path(path).parts
+    is_effect = parts[:2] == ("addon", "effects") and (ROOT / Path(*parts[:3])).is_dir()
+    return parts[2] if is_effect and len(parts) > 2 and parts[2] != "shared" else ""
+
+
 def breaches(path: str, source: str) -> list[str]:
     found = []
     for target, is_ours in imports(path, source):
         if is_ours:
             if path.startswith("addon/measure/") and target.startswith("addon/effects"):
                 found.append(f"{path} imports {target}: it measures any effect's layers")
+            if (of := _effect_of(path)) and (other := _effect_of(target)) and of != other:
+                found.append(f"{path} imports {target}: what both use belongs in effects/shared")
             if target not in (".", "addon") and rank(target) > rank(path):
                 found.append(f"{path} (rank {rank(path)}) imports {target} (rank {rank(target)})")
         elif target in IMPORTERS and not path.startswith(IMPORTERS[target] or ("/",)):
@@ -95,6 +106,9 @@ def test_imports_go_down(path):
         ("addon/core/graph.py", "from ..effects.registry import EFFECTS"),
         ("addon/core/graph.py", "def f():\n    from ... import ops"),
         ("addon/effects/registry.py", "from ..bake import Options"),
+        ("addon/effects/toon/run.py", "from ..soft_shadow.steps import PREPARE"),
+        ("addon/effects/toon/run.py", "def f():\n    from .. import soft_shadow"),
+        ("addon/effects/toon/run.py", "from ...effects import soft_shadow"),
         ("addon/bake.py", "from .ui import panels"),
         ("addon/measure/verdict.py", "from ..effects.registry import effect_named"),
         ("addon/core/graph.py", "import bpy"),
@@ -105,6 +119,31 @@ def test_imports_go_down(path):
 )
 def test_breaches_are_found(path, source):
     assert len(breaches(path, source)) == 1
+
+
+# What works for any effect names none: neither its id nor its layers.
+NAMELESS = ("addon/core", "addon/measure", "addon/devices", "addon/scene", "addon/effects/shared")
+
+
+def named_effects(source: str) -> set[str]:
+    """Effects that a text names."""
+    found = set()
+    for effect in EFFECTS:
+        words = re.escape(effect.id).replace("_", "[ _-]?")
+        titles = "|".join(re.escape(kind.title) for kind in effect.layers)
+        if re.search(words, source, re.IGNORECASE) or re.search(rf"\b({titles})\b", source):
+            found.add(effect.id)
+    return found
+
+
+def test_what_works_for_any_effect_names_none():
+    files = [path for folder in NAMELESS for path in sorted((ROOT / folder).rglob("*"))]
+    texts = [path for path in files if path.suffix in (".py", ".glsl")]
+    named = {path.relative_to(ROOT).as_posix(): named_effects(path.read_text("utf-8")) for path in texts}
+    assert {path: effects for path, effects in named.items() if effects} == {}
+    assert named_effects("as `Toon Outline` has it") == {"toon"}
+    assert named_effects("kernels/src/volumetric_light") == {"volumetric_light"}
+    assert named_effects("soft shadows") == {"soft_shadow"}
 
 
 def test_nothing_changes_the_module_path():

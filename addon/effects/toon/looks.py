@@ -10,6 +10,7 @@ import numpy as np
 from ...core.outline import Instance, Material, Outline, over
 from ...core.ramp import Ramp
 from .params import ToonObjectParams, ToonParams
+from .ramp_table import table_of
 
 EXCLUDED, BY_MATERIAL = -2, -1  # kernels/src/toon/shade.rs
 NOTHING_OWN = ToonObjectParams()
@@ -19,7 +20,7 @@ NOTHING_OWN = ToonObjectParams()
 class Ramps:
     """`materials` (M,) int32: index of each material's ramp, or EXCLUDED; `instances` (I,) int32: the same or
     BY_MATERIAL, None where no instance has a ramp of its own; `pieces` (P, 17) float32 of all ramps
-    (core/ramp.py), ramp r's from `starts[r]` to `starts[r + 1]`; `clamps` (R,) uint8."""
+    (ramp_table.py), ramp r's from `starts[r]` to `starts[r + 1]`; `clamps` (R,) uint8."""
 
     materials: np.ndarray
     instances: np.ndarray | None
@@ -45,7 +46,7 @@ def ramps_of(outline: Outline, params: ToonParams) -> Ramps:
     instances = np.full(len(outline.instances), BY_MATERIAL, np.int32)
     for number, instance in outline.instances.owning:
         instances[number] = index(own_of(instance), BY_MATERIAL)
-    tables = [ramp.table() for ramp in known]
+    tables = [table_of(ramp) for ramp in known]
     return Ramps(
         np.array(materials, np.int32),
         instances if (instances != BY_MATERIAL).any() else None,

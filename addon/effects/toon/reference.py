@@ -21,6 +21,7 @@ from ..shared import lit, visibility_truth
 from .hull_rays import HullRays
 from .looks import excluded_instances, own_of
 from .params import NO_FADE, Anchor, Light, Mix, Normals, ShadowEdge, ToonParams
+from .ramp_table import table_of
 
 SHADOW_RAYS = 64  # of each of two estimates at a point
 
@@ -41,7 +42,9 @@ def toon(rays: RayCaster, outline: Outline, layer: PlannedLayer, seen: ViewRays,
             texels = rays.texture(made.base_color_image) if made.base_color_image is not None else None
             if texels is not None:
                 base = lit.bilinear(texels, surface["uv"][chosen]).astype(np.float64)
-            result[chosen, :3] = _mixed(ramp.table().evaluate(light[chosen].clip(0.0, 1.0)), base, params.mix)
+            result[chosen, :3] = _mixed(
+                table_of(ramp).evaluate(light[chosen].clip(0.0, 1.0)), base, params.mix
+            )
             result[chosen, 3] = 1.0
     if params.rim > 0.0:
         cosine = np.abs(np.einsum("ni,ni->n", seen.directions, _normals(params, surface)))

@@ -1,4 +1,4 @@
-//! Colour ramps as piecewise cubics: addon/core/ramp.py makes them.
+//! Colour ramps as piecewise cubics: addon/effects/toon/ramp_table.py makes them.
 
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;

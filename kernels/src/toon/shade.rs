@@ -67,7 +67,8 @@ fn look(pixel: usize, material: usize, by_instance: Option<(&[i32], &[i32])>, by
 /// `light` (h, w) f32 positions on the ramp; `material` (h, w) i32, -1 where nothing is; `materials` (M, 6) f32 base
 /// colour and emission; `material_ramps` (M,) i32 index of the ramp or -2 for excluded; `base` (h, w, 4) f32 is base
 /// colour by pixel instead. `instance` (h, w) i32 with `instance_ramps` (I,) i32 goes before the material's (-1: the
-/// material's counts). `pieces` (P, 17) f32, `piece_starts` (R + 1,) i32, `clamps` (R,) u8: see addon/core/ramp.py.
+/// material's counts). `pieces` (P, 17) f32, `piece_starts` (R + 1,) i32, `clamps` (R,) u8: see
+/// addon/effects/toon/ramp_table.py.
 /// `mix`: 0 soft light, 1 multiply, 2 the ramp alone. `emission` scales what is added after. `rim` (5,) f32: cosine
 /// to the viewer below which it begins, strength, colour; it needs `position` and `normal` (h, w, 3) f32, and
 /// `forward` (3,) f32 where the view is orthographic.

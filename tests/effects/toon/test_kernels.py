@@ -12,6 +12,7 @@ from strata.addon.core.shot import Camera, PixelFilter, Raster, Shot
 from strata.addon.core.surface import Chunk
 from strata.addon.effects.toon.params import Anchor, ToonParams
 from strata.addon.effects.toon.pattern import packed_pattern, settings
+from strata.addon.effects.toon.ramp_table import table_of
 
 SIDE = 96
 CAMERA = Camera("Camera", (0.0, 0.0, 0.0), (1, 0, 0), (0, 1, 0), (0, 0, -1), orthographic=True)
@@ -32,7 +33,7 @@ def _sun(direction) -> np.ndarray:
 
 
 def _shaded(light, ramp: Ramp, base=(0.5, 0.5, 0.5), mix=2, material=None, rim=(0.3, 0.0, 1, 1, 1), **more):
-    table = ramp.table()
+    table = table_of(ramp)
     material = np.zeros(light.shape, np.int32) if material is None else material
     return kernels.toon_shade(
         light, material, np.array([[*base, 0, 0, 0]], np.float32), np.zeros(1, np.int32), table.packed(),
@@ -132,7 +133,7 @@ def test_the_kernel_evaluates_every_ramp(text):
     light = np.linspace(0.0, 1.0, 1001, dtype=np.float32)[None]
     image = _shaded(light, ramp)
     # Cubics in float32 whose coefficients reach some hundreds where a piece is short.
-    np.testing.assert_allclose(image[0, :, :3], ramp.table().evaluate(light[0])[:, :3], atol=2e-5)
+    np.testing.assert_allclose(image[0, :, :3], table_of(ramp).evaluate(light[0])[:, :3], atol=2e-5)
 
 
 def test_soft_light_is_the_corrected_one():

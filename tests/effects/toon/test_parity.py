@@ -16,6 +16,7 @@ from strata.addon.core.view import View
 from strata.addon.effects.shared.steps import SURFACE
 from strata.addon.effects.toon import steps
 from strata.addon.effects.toon.gpu_steps import MIXES, variants
+from strata.addon.effects.toon.ramp_table import table_of
 from strata.tests.support.gpu_scenes import (
     gpu_device,
     on_both,
@@ -96,7 +97,7 @@ def test_brightness(stage):
 
 
 def _ramps(instances=None):
-    tables = [RAMP.table(), SMOOTH_RAMP.table()]
+    tables = [table_of(RAMP), table_of(SMOOTH_RAMP)]
     more = {} if instances is None else {"instances": np.array(instances, np.int32)}
     return more | {
         "pieces": np.concatenate([table.packed() for table in tables]),
