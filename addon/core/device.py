@@ -1,19 +1,27 @@
-"""What the executor asks of a device, and what a reference asks of rays."""
+"""What the executor and steps ask of a device, and what a reference asks of rays.
+
+`Device` is what both have; `CpuSteps` and `GpuSteps` are all that the twins of steps call beside it. A test
+reads what the twins call and compares, and what the devices have.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
+from .arrays import Arrays, Placed
+from .outline import Outline
+from .shader import Shader
+from .view import View
 from .view_rays import ViewRays
 
 
 class Device(Protocol):
-    """Runs steps. Values (arrays, textures, handles) belong to the device that made them.
+    """Runs steps. Values (arrays, images, handles) belong to the device that made them.
 
-    `kernels` is the native module on the CPU device; `cancel_flag` has `set()` and `is_set()`.
-    Constructing one raises DeviceUnavailable where it cannot work.
+    `cancel_flag` has `set()` and `is_set()`. Constructing one raises DeviceUnavailable where it cannot work.
     """
 
     name: str  # "cpu" or "gpu"
@@ -21,6 +29,21 @@ class Device(Protocol):
     cancel_flag: Any
     compile_seconds: float
     cancelled: tuple[type[Exception], ...]  # what a twin raises when the flag is set
+
+    def set_scene(self, outline: Outline, arrays: Arrays) -> None:
+        """The scene that all that follows is asked of from now on."""
+
+    def geometry(self) -> Any:
+        """A handle of every instance of the scene, at its index in the outline."""
+
+    def geometry_of(self, instances: Sequence[Placed], arrays: Arrays) -> Any:
+        """The same of `instances` of the meshes of `arrays`, which are no part of the scene, say."""
+
+    def instance_mask(self, instances: Iterable[int]) -> np.ndarray:
+        """(instance count,) uint8 on the host, 1 at `instances`."""
+
+    def texture(self, image: int) -> Any:
+        """Texels (h, w, 4) of `outline.images[image]` as a value, None where they could not be read."""
 
     def to_host(self, value: Any) -> Any:
         """The same value made of numpy arrays (dicts, tuples and lists keep their shape)."""
@@ -36,6 +59,123 @@ class Device(Protocol):
 
     def release(self, value: Any) -> None:
         """Frees what the value holds on the device."""
+
+
+class CpuSteps(Device, Protocol):
+    """What twins on the CPU call. `kernels` is the native module; a geometry is its handle."""
+
+    kernels: Any
+
+    def vertex_values(self, name: str) -> list[tuple[int, np.ndarray]]:
+        """Meshes whose vertices have values of that name, which the graph asked for: index and (V,)
+        float32."""
+
+    def unless_cancelled[Result](self, work: Callable[[], Result]) -> Result:
+        """What `work()` returns, for kernels that cannot stop in the middle. Raises one of `cancelled` where
+        the flag is set meanwhile."""
+
+
+class GpuImage(Protocol):
+    """An array on the GPU, of this `shape` and `dtype`: (height, width), (height, width, 2 to 4) or (layers,
+    height, width), whose layers lie side by side, `columns` of them in a row. `size`: width and height of its
+    texture."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    columns: int
+
+    @property
+    def size(self) -> tuple[int, int]: ...
+
+
+class GpuGeometry(Protocol):
+    """Instances on the GPU: tables that shaders pull vertices from, and what to draw of them."""
+
+    @property
+    def instance_count(self) -> int: ...
+
+    @property
+    def positions(self) -> GpuImage:
+        """A row a vertex: relative to its mesh's middle, in object space."""
+
+    @property
+    def triangles(self) -> GpuImage:
+        """A row a triangle: its vertices, counted in its mesh, and its number in its mesh."""
+
+    @property
+    def corner_normals(self) -> GpuImage:
+        """Three rows a triangle, unit, in object space; zero for a flat mesh."""
+
+    @property
+    def corner_uvs(self) -> GpuImage:
+        """Three rows a triangle; zero where the mesh has none."""
+
+    def alpha(self, material: int) -> tuple[GpuImage, float]:
+        """A material's alpha texels, and the threshold below which nothing is there."""
+
+    def draw_list(self, instances: frozenset[int]) -> Any:
+        """`runs`, `blocks` (tables) and `ranges` of triangles to draw, each with one alpha material or
+        none."""
+
+    def depth_bounds(self, view: View, instances: frozenset[int]) -> tuple[float, float]:
+        """Smallest and largest depth of the instances' boxes, metres along the view's forward axis."""
+
+    def clip_matrices(self, view: View, rows: tuple[int, int], size, jitter=(0.0, 0.0)) -> GpuImage:
+        """Three texels an instance: object to clip space, for `rows` of an image of `size` pixels."""
+
+    def eye_matrices(self, view: View) -> GpuImage:
+        """Six texels an instance: object to world axes about the eye, cofactors, winding and object id."""
+
+
+class GpuSteps(Device, Protocol):
+    """What twins on the GPU call. Values are images and geometry, and dicts, tuples and lists of them."""
+
+    TRIANGLES_PER_DRAW: int
+
+    def new_image(self, shape: tuple[int, ...], dtype=np.float32) -> GpuImage:
+        """An image with undefined contents. Raises ValueError where no texture is so large."""
+
+    def new_depth(self, size: tuple[int, int]) -> Any:
+        """A depth texture, all 1, for `draw`."""
+
+    def upload(self, array: np.ndarray) -> GpuImage:
+        """A float32 or integer array as an image."""
+
+    def upload_table(self, rows: np.ndarray) -> GpuImage:
+        """(N, 1 to 4) float32 as a texture that tables.glsl indexes by row number."""
+
+    def stack_columns(self, shape: tuple[int, int, int]) -> int:
+        """How many of (layers, height, width) to put side by side in a texture. Raises ValueError."""
+
+    def clear(self, image: GpuImage, value: float) -> None:
+        """Sets every component."""
+
+    def kept(self, name: str, make: Callable[[], Any]) -> Any:
+        """A value made once and kept as long as the device, such as a constant table."""
+
+    def dispatch(
+        self,
+        shader: Shader,
+        size: tuple[int, int],
+        images: dict[str, GpuImage],
+        samplers: dict[str, GpuImage] | None = None,
+        params: dict[str, Iterable[float]] | None = None,
+    ) -> None:
+        """Runs a compute shader over `size` invocations. Raises ShaderError, and Cancelled where the flag is
+        set."""
+
+    def draw(
+        self,
+        shader: Shader,
+        triangles: int,
+        target: GpuImage,
+        depth: Any,
+        images: dict[str, GpuImage],
+        samplers: dict[str, GpuImage],
+        params: dict[str, Iterable[float]],
+    ) -> None:
+        """Draws `triangles` (at most TRIANGLES_PER_DRAW), whose vertices the shader pulls by gl_VertexID,
+        into `target`; `depth` is a `new_depth` texture, or None. Raises as `dispatch`."""
 
 
 class RayCaster(Protocol):

@@ -63,15 +63,6 @@ class Step:
         return self.cpu if device_name == "cpu" else self.gpu
 
 
-def kernel(name: str) -> Callable:
-    """The CPU twin that just calls `strata_kernels.<name>(*inputs, **params, cancel=...)`."""
-
-    def twin(device, *inputs, **params):
-        return getattr(device.kernels, name)(*inputs, **params, cancel=device.cancel_flag)
-
-    return twin
-
-
 def _feed(digest, value: Any) -> None:
     """Hashes a parameter by content: what the bits are, not which object holds them."""
     if isinstance(value, np.ndarray):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...core.arrays import Arrays, Cutout, Placed, separate_triangles
+from ...core.device import Device
 from ...core.graph import Step
 from ...core.view import View
 from ..shared.membership import belong
@@ -146,7 +147,7 @@ def _hull(device, geometry, view: View, pixel, instances, width, in_pixels, leas
     return Hull(view.eye, {instance: corners for instance, corners in found if len(corners)})
 
 
-def _hull_geometry(device, hull):
+def _hull_geometry(device: Device, hull):
     """A mesh an instance, whose object id is the instance's index."""
     triangles = hull.triangles or {0: np.zeros((0, 3), np.float32)}
     placed = [Placed(mesh, instance, (0,)) for mesh, instance in enumerate(triangles)]
