@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from strata.addon.core.params import Colour
 from strata.addon.core.ramp import Ramp
 from strata.addon.effects.registry import EFFECTS
-from strata.tests.bake.random_scenes import CHANGES, MATERIALS, MESHES, OTHERS
+from strata.tests.bake.random_materials import MATERIALS
+from strata.tests.bake.random_things import CHANGES, MESHES, OTHERS
 
 
 def _numbers(*choices: float):

@@ -20,7 +20,7 @@ from strata.addon.layers import openimageio
 from strata.addon.layers.exr import LARGEST_HALF, write_layers
 from strata.addon.layers.exr_params import ExrParams
 from strata.addon.scene.open import open_blend
-from strata.tests.layers.test_layers import compositor_passes, largest_file
+from strata.tests.layers.made_layers import compositor_passes, largest_file
 from strata.tests.support.places import SAMPLES
 
 HEIGHT, WIDTH = 70, 90  # several blocks of both codecs, the last one short

@@ -4,49 +4,30 @@ from __future__ import annotations
 
 import json
 import os
-import resource
-import signal
 import subprocess
 import sys
-from contextlib import contextmanager
 from dataclasses import replace
 
-import bpy
 import numpy as np
 import OpenEXR
 import pytest
-from PIL import Image
 from strata.addon.core.errors import StrataError
 from strata.addon.core.layers import Layer, LayerSet
 from strata.addon.core.naming import LONGEST, lamp_pass_name, layer_name
-from strata.addon.core.roles import Of
 from strata.addon.layers.exr import write_layers
 from strata.addon.layers.exr_params import ExrParams
 from strata.addon.layers.files import check_writable, replaced
-from strata.addon.layers.images import fill_images, image_of, packed
-from strata.addon.measure.report import LayerError
+from strata.tests.layers.made_layers import (
+    ERROR,
+    HEIGHT,
+    WIDTH,
+    compositor_passes,
+    largest_file,
+    layer,
+    layer_set,
+    pixels,
+)
 from strata.tests.support.exr_layers import read_layers
-
-WIDTH, HEIGHT = 7, 5
-ERROR = LayerError("weighted rmse", 0.011, (0.01, 0.012), 0.0, 0.1, 0.2, 64, "rays", 1e-3, 0.1).to_json()
-
-
-def pixels(channels: str, seed: int = 0) -> np.ndarray:
-    """Values that a half float or an 8-bit image would spoil, with the extremes among them."""
-    shape = (HEIGHT, WIDTH) if len(channels) == 1 else (HEIGHT, WIDTH, len(channels))
-    values = np.random.default_rng(seed).normal(size=shape).astype(np.float32)
-    values.flat[:4] = (0.0, 1.0, 1e30, 1e-30)
-    return values
-
-
-def layer(name: str, channels: str = "V", light: str = "", seed: int = 0) -> Layer:
-    return Layer(
-        name, channels, pixels(channels, seed), "soft_shadow", light, Of.lamp(0), 0.25, ERROR, {"layers": 3}
-    )
-
-
-def layer_set(*layers: Layer, view_layer: str = "ViewLayer", space: str = "Linear Rec.709") -> LayerSet:
-    return LayerSet(tuple(layers), WIDTH, HEIGHT, view_layer, space, {"strata": "0.1.0", "frame": 3}, 2.0)
 
 
 def exr(**values) -> ExrParams:
@@ -56,19 +37,6 @@ def exr(**values) -> ExrParams:
 def odd_light_names() -> list[str]:
     long = "Straßenlaterne mit einem sehr langen Namen über der alten Brücke am Fluß, Nummer 10000"
     return ["Key.001", "灯" * 100, long + "1", long + "2", "tab\there", "a/b:c", "-"]
-
-
-def compositor_passes(path) -> set[str]:
-    """The pass names that Blender's Image node offers."""
-    tree = bpy.data.node_groups.new("passes", "CompositorNodeTree")
-    node = tree.nodes.new("CompositorNodeImage")
-    image = bpy.data.images.load(str(path))
-    node.image = image
-    assert image.type == "MULTILAYER"
-    names = {output.name for output in node.outputs}
-    bpy.data.node_groups.remove(tree)
-    bpy.data.images.remove(image)
-    return names
 
 
 def test_every_value_and_figure_comes_back(tmp_path):
@@ -141,18 +109,6 @@ def test_bad_pixels_are_refused_early():
         Layer("Mask", "V", np.zeros((HEIGHT, WIDTH)), "mask")
     with pytest.raises(ValueError, match="is not 8 x 5"):
         LayerSet((layer("Glow"),), WIDTH + 1, HEIGHT, "ViewLayer")
-
-
-@contextmanager
-def largest_file(size: int):
-    """A disk that fills up: the system refuses to let any file grow past `size` bytes."""
-    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, handler)
 
 
 def test_full_disk_keeps_the_old_file_and_leaves_nothing(tmp_path):
@@ -291,114 +247,6 @@ def test_a_layer_of_one_value_comes_back(tmp_path, height):
         np.testing.assert_array_equal(ours.pixels, theirs.pixels)
     with OpenEXR.File(str(tmp_path / "out.exr")) as file:
         assert [part.name() for part in file.parts] == ["ViewLayer.One", "Other.Grey"]
-
-
-@pytest.fixture
-def scene():
-    bpy.ops.wm.read_homefile(use_empty=True)
-    return bpy.context.scene
-
-
-def filled(scene, *layers: Layer, view_layer: str = "ViewLayer") -> list:
-    height, width = layers[0].pixels.shape[:2]
-    made = LayerSet(layers, width, height, view_layer)
-    return fill_images(scene.name, made, packed(made))
-
-
-def rgba(image) -> np.ndarray:
-    values = np.empty(len(image.pixels), np.float32)
-    image.pixels.foreach_get(values)
-    return values.reshape(image.size[1], image.size[0], 4)
-
-
-def test_images_are_exact_and_nobody_elses(scene):
-    users = bpy.data.images.new("Soft Shadow Key", 1, 1)
-    data, colour, vector = (
-        layer("Soft Shadow Key"),
-        layer("Glow", "RGBA", seed=2),
-        layer("Place", "XYZ", seed=3),
-    )
-    made = filled(scene, data, colour, vector)
-    assert users not in made
-    assert users.size[:] == (1, 1)
-    assert [image.name for image in made] == ["Soft Shadow Key.001", "Glow", "Place"]
-    assert [image.is_float for image in made] == [True, True, True]
-    assert [i.colorspace_settings.name for i in made] == ["Non-Color", "Linear Rec.709", "Non-Color"]
-    np.testing.assert_array_equal(rgba(made[0]), np.dstack([*[data.pixels] * 3, np.ones_like(data.pixels)]))
-    np.testing.assert_array_equal(rgba(made[1]), colour.pixels)
-    np.testing.assert_array_equal(rgba(made[2])[:, :, :3], vector.pixels)
-
-
-def test_a_later_bake_fills_the_same_images(scene):
-    first = filled(scene, layer("Key"), layer("Glow", "RGBA"))
-    texture = bpy.data.textures.new("user", "IMAGE")
-    texture.image = first[0]
-    assert rgba(first[0]).shape == (HEIGHT, WIDTH, 4)
-    wide = np.full((3, 9, 4), 0.25, np.float32)
-    again = filled(scene, Layer("Key", "RGBA", wide, "x"))
-    assert again == first[:1]
-    np.testing.assert_array_equal(rgba(texture.image), wide)
-    assert texture.image.colorspace_settings.name == "Linear Rec.709"
-    grey = filled(scene, layer("Key", seed=5))
-    assert grey == again
-    np.testing.assert_array_equal(rgba(grey[0])[:, :, 0], layer("Key", seed=5).pixels)
-    assert grey[0].colorspace_settings.name == "Non-Color"
-    assert sorted(image.name for image in bpy.data.images) == ["Glow", "Key"]
-
-
-def test_a_scene_and_a_view_layer_have_images_of_their_own(scene):
-    (first,) = filled(scene, layer("Key"))
-    (of_layer,) = filled(scene, layer("Key"), view_layer=scene.view_layers.new("Back").name)
-    (of_scene,) = filled(bpy.data.scenes.new("Night"), layer("Key"))
-    assert len({first, of_layer, of_scene}) == 3
-    assert filled(scene, layer("Key")) == [first]
-    assert image_of(scene.name, "Back", "Key") == of_layer
-    copy = first.copy()  # to keep: it has the mark too
-    assert image_of(scene.name, "ViewLayer", "Key") == first != copy
-    scene.name = "Renamed"
-    assert filled(scene, layer("Key")) == [first]
-
-
-def test_images_are_saved_with_the_file_and_undone_with_the_rest(scene, tmp_path):
-    bpy.ops.ed.undo_push(message="before")
-    for seed in (0, 1):
-        (image,) = filled(scene, layer("Key", seed=seed))
-        assert not image.is_dirty
-        bpy.ops.ed.undo_push(message="baked")
-    np.testing.assert_array_equal(rgba(image)[:, :, 0], pixels("V", 1))
-    bpy.ops.ed.undo()
-    np.testing.assert_array_equal(rgba(bpy.data.images["Key"])[:, :, 0], pixels("V", 0))
-    bpy.ops.ed.undo()
-    assert "Key" not in bpy.data.images
-    bpy.ops.ed.redo()
-    bpy.ops.ed.redo()
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
-    bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)
-    np.testing.assert_array_equal(rgba(bpy.data.images["Key"])[:, :, 0], pixels("V", 1))
-
-
-def test_contact_sheet_multiplies_each_light_by_its_own_shadow(tmp_path):
-    from strata.scripts.pictures.contact_sheet import AMBIENT, composite, error_lines, save_contact_sheet
-
-    shadow = Layer(
-        "Soft Shadow Key", "V", np.zeros((HEIGHT, WIDTH), np.float32), "soft_shadow", "Key", Of.lamp(0)
-    )
-    lit = {
-        0: np.full((HEIGHT, WIDTH, 3), 2.0, np.float32),
-        1: np.full((HEIGHT, WIDTH, 3), 3.0, np.float32),  # its layer was left out: nothing shadows it
-    }
-    total = composite((shadow,), lit)
-    np.testing.assert_allclose(total, 2.0 * AMBIENT + 3.0, rtol=1e-6)  # float32 sums
-    path = tmp_path / "sheet.png"
-    save_contact_sheet(path, layer_set(shadow, layer("Glow", "RGBA")), lit)
-    assert error_lines({}) == ("error not measured", "")
-    assert error_lines({"not_measured": "no memory"}) == ("error not measured", "no memory")
-    assert error_lines(ERROR, "fine")[0] == "error 1.1%, fine  (95%: 1.0% to 1.2%)"
-    assert "probes" in error_lines(ERROR)[1]
-    assert error_lines(ERROR, "fine", "lower it")[1] == "lower it"
-    with Image.open(path) as sheet:
-        assert sheet.width == 1600
-        assert sheet.getextrema()[0][1] > 200  # the lit image is there, and bright
 
 
 def test_folders_are_made_and_taken_away_where_writing_fails(tmp_path):

@@ -25,3 +25,18 @@ def read(scene, layer=0):
         return scanned.outline, extract(scanned)
 
     return with_render_depsgraph(scene, scene.view_layers[layer], look)
+
+
+def cube(name, collection=None, location=(0.0, 0.0, 0.0)):
+    bpy.ops.mesh.primitive_cube_add(location=location)
+    made = bpy.context.object
+    made.name = name
+    if collection is not None:
+        for other in list(made.users_collection):
+            other.objects.unlink(made)
+        collection.objects.link(made)
+    return made
+
+
+def names(outline):
+    return sorted(instance.name for instance in outline.instances)

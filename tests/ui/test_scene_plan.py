@@ -6,20 +6,12 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-import strata
 from strata.addon.scene.open import open_blend
 from strata.addon.ui import scene_plan, watching
 from strata.addon.ui.scene_plan import ScenePlan
 from strata.addon.ui.state import STATE
 from strata.ops import bake
 from strata.tests.support.places import SAMPLES
-
-
-@pytest.fixture(scope="module", autouse=True)
-def registered():
-    strata.register()
-    yield
-    strata.unregister()
 
 
 @pytest.fixture

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import strata_kernels as kernels
 from strata.addon.core.emitter import Emitter, EmitterKind
+from strata.addon.core.view import View
 from strata.addon.effects.soft_shadow.views import light_views
+from strata.tests.support import closed_forms
 
 DOWN = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))
 
@@ -86,3 +88,24 @@ class Stage:
         normals = np.broadcast_to(np.asarray(normals, np.float32), points.shape).copy()
         arguments = (points.astype(np.float32), normals, normals, self.origin, emitter.packed(), maps)
         return kernels.soft_shadow_backproject(*arguments, *settings, method=method)
+
+
+def turned_axes(forward):
+    forward = np.array(forward) / np.linalg.norm(forward)
+    right = np.cross(forward, (0.0, 1.0, 0.0))
+    right /= np.linalg.norm(right)
+    return tuple(tuple(map(float, axis)) for axis in (right, np.cross(right, forward), forward))
+
+
+def weighted_rmse(found, truth, weight):
+    return float(np.sqrt((weight * (found - truth) ** 2).sum() / weight.sum()))
+
+
+def against_closed_form(emitter, plates, points, extra=(GROUND,), **settings):
+    truth, weight = closed_forms.visibility(emitter, points, np.tile(UP, (len(points), 1)), plates)
+    found, _ = Stage([*extra, *plates]).visibility(emitter, points, UP, **settings)
+    return weighted_rmse(found, truth, weight)
+
+
+def lamp_view():
+    return View((0.0, 0.0, 4.0), *DOWN, (-1.0, 1.0, -1.0, 1.0), 0.1, 10.0)

@@ -15,14 +15,11 @@ from strata.tests.layers.compositor.scene import (
     SIZE,
     FlatEngine,
     add_lamp,
-    bake_courtyard,
     built,
     composited,
     everything,
     expect,
-    flat_engine,
     lamps,
-    opened,
     shadows,
     small,
     summed,
@@ -31,22 +28,6 @@ from strata.tests.layers.compositor.scene import (
 from strata.tests.support.exr_layers import read_layers
 from strata.tests.support.places import SAMPLES
 from strata.tests.support.scan_scenes import empty_scene
-
-
-@pytest.fixture(scope="module", autouse=True)
-def registered():
-    with flat_engine():
-        yield
-
-
-@pytest.fixture(scope="module")
-def courtyard(tmp_path_factory):
-    return bake_courtyard(tmp_path_factory.mktemp("courtyard"))
-
-
-@pytest.fixture
-def scene(courtyard):
-    return opened(courtyard)
 
 
 def test_each_lamp_gets_a_group_and_its_shadow_is_multiplied_onto_that(scene, tmp_path, capfd):

@@ -12,13 +12,10 @@ from strata.ops.cli import main
 from strata.tests.layers.compositor.scene import (
     SIZE,
     add_lamp,
-    bake_courtyard,
     built,
     composited,
     expect,
-    flat_engine,
     lamps,
-    opened,
     refused,
     shadows,
     small,
@@ -27,22 +24,6 @@ from strata.tests.layers.compositor.scene import (
 )
 from strata.tests.support.exr_layers import read_layers
 from strata.tests.support.scan_scenes import empty_scene
-
-
-@pytest.fixture(scope="module", autouse=True)
-def registered():
-    with flat_engine():
-        yield
-
-
-@pytest.fixture(scope="module")
-def courtyard(tmp_path_factory):
-    return bake_courtyard(tmp_path_factory.mktemp("courtyard"))
-
-
-@pytest.fixture
-def scene(courtyard):
-    return opened(courtyard)
 
 
 def groups(scene, **members: str) -> None:

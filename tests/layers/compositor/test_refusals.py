@@ -7,33 +7,7 @@ import OpenEXR
 import pytest
 from strata.addon.layers import shadow_nodes
 from strata.addon.layers.exr_header import header_of
-from strata.tests.layers.compositor.scene import (
-    SIZE,
-    FlatEngine,
-    bake_courtyard,
-    built,
-    everything,
-    flat_engine,
-    lamps,
-    opened,
-    refused,
-)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def registered():
-    with flat_engine():
-        yield
-
-
-@pytest.fixture(scope="module")
-def courtyard(tmp_path_factory):
-    return bake_courtyard(tmp_path_factory.mktemp("courtyard"))
-
-
-@pytest.fixture
-def scene(courtyard):
-    return opened(courtyard)
+from strata.tests.layers.compositor.scene import SIZE, FlatEngine, built, everything, lamps, refused
 
 
 def test_renders_that_cannot_have_it_are_refused_before_the_press(scene):

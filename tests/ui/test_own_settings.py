@@ -1,0 +1,76 @@
+"""A light's own settings."""
+
+from __future__ import annotations
+
+import bpy
+from strata.addon.bake import Options, read_scene
+from strata.addon.scene.open import open_blend
+from strata.tests.support.places import SAMPLES
+
+
+def own_resolutions(scene, frame: int) -> dict[str, int]:
+    """By light, the side of its first map, as a render at the frame plans it."""
+    _, graph, _, _ = read_scene(scene, scene.view_layers[0], Options(backend="cpu"), frame=frame)
+    found = {}
+    for layer in graph.layers:
+        maps = [node for node in graph.nodes([layer.node]) if node.step.name == "layered_depth"]
+        found[layer.light] = max(node.params["width"] for node in maps)
+    return found
+
+
+def test_a_lights_own_settings_go_over_the_scenes():
+    open_blend(SAMPLES / "courtyard.blend")
+    scene = bpy.context.scene
+    first = own_resolutions(scene, 1)
+    name, *others = first
+    lamp = bpy.data.objects[name].data
+    lamp.strata.soft_shadow.resolution = 256
+    assert own_resolutions(scene, 1) == first
+    lamp.strata.use_own = True
+    assert own_resolutions(scene, 1) == {**first, name: 256}
+    assert others
+
+
+def test_a_lights_own_settings_can_be_animated_and_driven():
+    open_blend(SAMPLES / "courtyard.blend")
+    scene = bpy.context.scene
+    first, second, *_ = own_resolutions(scene, 1)
+    for name in (first, second):
+        bpy.data.objects[name].data.strata.use_own = True
+    animated = bpy.data.objects[first].data
+    for frame, resolution in ((1, 200), (9, 400)):
+        animated.strata.soft_shadow.resolution = resolution
+        animated.keyframe_insert("strata.soft_shadow.resolution", frame=frame)
+    driver = bpy.data.objects[second].data.driver_add("strata.soft_shadow.resolution").driver
+    driver.expression = "300 + frame"
+    for frame, resolution in ((1, 200), (9, 400)):
+        found = own_resolutions(scene, frame)
+        assert (found[first], found[second]) == (resolution, 300 + frame)
+
+
+def test_layers_say_the_settings_that_they_were_made_with(tmp_path):
+    from strata.ops.cli import main
+    from strata.tests.support.exr_layers import read_layers
+
+    open_blend(SAMPLES / "courtyard.blend")
+    lamp = next(thing for thing in bpy.context.scene.objects if thing.type == "LIGHT")
+    lamp.data.strata.use_own, lamp.data.strata.soft_shadow.layers = True, 1
+    name, blend, output = lamp.name, tmp_path / "scene.blend", tmp_path / "layers.exr"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    words = [
+        "bake",
+        str(blend),
+        "-o",
+        str(output),
+        "--size",
+        "64x36",
+        "--samples",
+        "1",
+        "--probes",
+        "0",
+        "-q",
+    ]
+    assert main(words) == 0
+    layers = {layer.light: layer.settings["layers"] for layer in read_layers(output).layers}
+    assert layers.pop(name) == 1
+    assert set(layers.values()) == {3}
