@@ -38,6 +38,7 @@ from .measure.report import LayerError, NotMeasured
 from .measuring import Measuring, unless_cancelled
 
 SHOWING_SECONDS = 0.05  # between two looks at how long it still takes
+FIRST_TOLD_SHARE = 0.02  # done of a bake before anything is said of what is left
 
 
 @dataclass(frozen=True)
@@ -143,6 +144,7 @@ class BakeJob:
         self.progress = 0.0
         self.stage = "Starting"
         self._started = self._shown = time.perf_counter()
+        self._seconds_left: float | None = None  # when last looked at
         self._forecast: Forecast | None = None
         self._measuring: Measuring | None = None
         self.tiles: deque[tuple[int, np.ndarray]] | None = None
@@ -154,6 +156,16 @@ class BakeJob:
         self._result: Baked | None = None
         self._failure: BaseException | None = None
         self._work = self._run()
+
+    @property
+    def seconds_left(self) -> float | None:
+        """What the bake is expected to take from now on; None while too little is done to tell. It may rise,
+        which `progress` must not: where steps take longer than expected that is told at once."""
+        if self._seconds_left is None:
+            return None
+        # A step that has not come back yet may take longer than expected: then it is taken to be halfway.
+        since = time.perf_counter() - self._shown
+        return max(self._seconds_left - since, 0.5 * self._seconds_left)
 
     @property
     def needs_main_thread(self) -> bool:
@@ -240,7 +252,7 @@ class BakeJob:
             missing=missing,
             has_picture=options.composite,
         )
-        self.progress, self.stage = 1.0, "Done"
+        self.progress, self.stage, self._seconds_left = 1.0, "Done", None
 
     def _show_progress(self) -> None:
         """`progress` is the share of the expected time that has passed, and never falls. Faces count from
@@ -253,6 +265,8 @@ class BakeJob:
         if self._measuring:
             left += self._measuring.outlook.seconds_left(passed + left)
         self.progress = max(self.progress, passed / (passed + left))
+        if self._seconds_left is not None or passed > FIRST_TOLD_SHARE * (passed + left):
+            self._seconds_left = left
 
     def _show_tile(self, execution: Execution, is_first_group: bool, chunk: Chunk) -> None:
         """After a tile's 1st, 2nd, 4th ... and last sample. Of other groups all or nothing is there."""

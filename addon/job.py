@@ -62,15 +62,16 @@ class Runner:
 def run_to_end(
     job: BakeJob,
     finish: Callable[[Baked], None] | None = None,
-    show: Callable[[float, str], None] | None = None,
+    show: Callable[[float, str, float | None], None] | None = None,
 ) -> Baked:
-    """Bakes and finishes, telling `show` the share done and the stage. Whatever interrupts it, Ctrl-C too, no
-    thread of it is left behind. Raises Cancelled and what the bake or `finish` raises."""
+    """Bakes and finishes, telling `show` the share done, the stage and the seconds left (None: not known).
+    Whatever interrupts it, Ctrl-C too, no thread of it is left behind. Raises Cancelled and what the bake or
+    `finish` raises."""
     runner = Runner(job, finish)
     try:
         while (baked := runner.step()) is None:
             if show:
-                show(job.progress, job.stage)
+                show(job.progress, job.stage, job.seconds_left)
         return baked
     except KeyboardInterrupt:
         raise Cancelled() from None

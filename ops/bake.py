@@ -67,7 +67,6 @@ class STRATA_OT_bake(bpy.types.Operator):
                 return {"CANCELLED"}
             self._runner = Runner(job, self._write)
             STATE.is_baking, STATE.is_cancelled = True, False
-            self._started = time.monotonic()
             manager = context.window_manager
             self._timer = manager.event_timer_add(TIMER_SECONDS, window=context.window)
             self._show(context)
@@ -174,7 +173,7 @@ class STRATA_OT_bake(bpy.types.Operator):
 
     def _show(self, context) -> None:
         job = self._runner.job
-        left = time_left(job.progress, time.monotonic() - self._started)
+        left = time_left(job.seconds_left)
         STATE.share = job.progress
         STATE.doing = f"{job.stage} {100 * job.progress:.0f}%{left and ', ' + left}"
         context.workspace.status_text_set(f"Strata: {STATE.doing}   Esc: Cancel")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -194,9 +195,12 @@ def _sequences(arguments: argparse.Namespace, chosen, options_of, interrupts: In
 
     progress = Progress(sys.stderr, f"scene {chosen.scene.name}", getattr(arguments, "quiet", False))
 
+    started = time.monotonic()
+
     def show(share: float, stage: str) -> None:
         interrupts.check()
-        progress.show(share, stage)
+        left = (time.monotonic() - started) * (1.0 - share) / share if share > 0.02 else None
+        progress.show(share, stage, left)
 
     where = options_of, chosen.frames, _camera(chosen), arguments.size, show
     try:
@@ -312,9 +316,9 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
             print(f"strata: {title}: {warning}", file=sys.stderr, flush=True)
         progress = Progress(sys.stderr, title, arguments.quiet)
 
-        def show(share: float, stage: str) -> None:
+        def show(share: float, stage: str, seconds_left: float | None) -> None:
             interrupts.check()
-            progress.show(share, stage)
+            progress.show(share, stage, seconds_left)
 
         try:
             interrupts.check()

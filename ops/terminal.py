@@ -94,13 +94,13 @@ class Progress:
         self._started = self._said = time.monotonic()
         self._line = ""
 
-    def show(self, fraction: float, doing: str) -> None:
+    def show(self, fraction: float, doing: str, seconds_left: float | None = None) -> None:
         now = time.monotonic()
         wait = REDRAW_SECONDS if self._live else max(QUIET_SECONDS, (now - self._started) / 10)
         if self._quiet or now - self._said < wait:
             return
         self._said = now
-        left = time_left(fraction, now - self._started)
+        left = time_left(seconds_left)
         if not self._live:
             print(f"{self._title}: {100 * fraction:3.0f}%{left and ', ' + left}, {doing}", file=self._stream)
             self._stream.flush()
@@ -121,9 +121,8 @@ class Progress:
             self._line = ""
 
 
-def time_left(fraction: float, seconds: float) -> str:
-    """`12 s left`, once enough has been done to tell."""
-    if fraction < 0.02 or fraction >= 1.0:
+def time_left(seconds: float | None) -> str:
+    """`12 s left`; nothing where that is not known."""
+    if seconds is None:
         return ""
-    left = seconds * (1.0 - fraction) / fraction
-    return f"{left:.0f} s left" if left < 100 else f"{left / 60:.0f} min left"
+    return f"{seconds:.0f} s left" if seconds < 100 else f"{seconds / 60:.0f} min left"

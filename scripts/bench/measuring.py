@@ -38,8 +38,8 @@ def bake_here(scene_name: str) -> dict:
     started, told = time.perf_counter(), []
     while not job.advance(SLICE_SECONDS):
         passed = time.perf_counter() - started
-        if job.progress > 0.0:
-            told.append((passed, passed * (1.0 - job.progress) / job.progress))
+        if job.seconds_left is not None:
+            told.append((passed, job.seconds_left))
     whole = time.perf_counter() - started
     report = job.result().layers.report
     errors = [layer["error"] for layer in report["layers"] if layer.get("error")]

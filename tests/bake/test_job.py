@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 import strata_kernels
-from strata.addon.bake import BakeJob, Options, read_scene
+from strata.addon.bake import SHOWING_SECONDS, BakeJob, Options, read_scene
 from strata.addon.core.errors import Cancelled, StrataError
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.job import Runner, run_to_end
@@ -74,7 +75,7 @@ def test_a_kernel_that_cannot_stop_is_left_to_itself():
 
 
 def test_ctrl_c_between_two_looks_cancels_and_waits():
-    def interrupt(share, stage):
+    def interrupt(share, stage, seconds_left):
         raise KeyboardInterrupt
 
     with pytest.raises(Cancelled):
@@ -90,3 +91,20 @@ def test_what_fails_while_finishing_reaches_the_caller():
     with pytest.raises(StrataError, match="No space"):
         run_to_end(new_job(samples=1, probes=0), finish=full_disk)
     assert threads() == []
+
+
+def test_the_time_left_rises_where_steps_take_longer_and_progress_never_falls():
+    job = new_job(samples=64, probes=0)
+    while job.stage != "Baking" or job.seconds_left is None:
+        assert not job.advance(0.0)
+    done = job.progress
+    job._forecast = SimpleNamespace(seconds_left=lambda: 1000.0)
+    time.sleep(SHOWING_SECONDS)
+    assert not job.advance(0.0)
+    assert 990.0 < job.seconds_left <= 1000.0
+    assert job.progress == done
+    job._shown -= 100.0  # nothing has come back for so long
+    assert job.seconds_left == pytest.approx(900.0, abs=10.0)
+    job._shown -= 1000.0
+    assert job.seconds_left == 500.0
+    job.cancel()

@@ -345,7 +345,7 @@ def test_panels_in_sidebars_and_in_the_render_tab_are_drawn_again():
         workspace=SimpleNamespace(status_text_set=lambda text: None),
     )
     operator = SimpleNamespace(
-        _runner=SimpleNamespace(job=SimpleNamespace(progress=0.5, stage="Baking")), _started=0.0
+        _runner=SimpleNamespace(job=SimpleNamespace(progress=0.5, stage="Baking", seconds_left=3.0))
     )
     bake.STRATA_OT_bake._show(operator, with_progress)
     assert drawn == [("VIEW_3D", "", "UI"), ("PROPERTIES", "RENDER", "WINDOW")]
