@@ -75,7 +75,7 @@ class Measuring:
     ) -> Generator[None, None, LayerError | NotMeasured]:
         device = self._executor.fallback
         work = self.measurement.measure(
-            layer, self._rays, device.instance_mask(layer.casters), image, allowed
+            layer, self._rays, device.instance_mask(layer.casters), image, allowed, self.outlook.expect
         )
         return (yield from unless_cancelled(work, device.cancel_flag))
 

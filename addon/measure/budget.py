@@ -26,9 +26,12 @@ def allowed_seconds(baked_seconds: float) -> float:
     return SHARE / (1.0 - SHARE) * max(baked_seconds, (1.0 - SHARE) * SHORT_SECONDS)
 
 
-PROBE_SECONDS = 2e-4
+PROBE_SECONDS = 3e-4
 TRIANGLE_SECONDS = 5e-7
 """What a probe of a layer and a triangle of the tree take on an ordinary machine."""
+
+USED_SHARE = 0.8
+"""Of the seconds that are allowed, what layers take that need them all: probes are powers of two."""
 
 
 class MeasuringOutlook:
@@ -39,14 +42,20 @@ class MeasuringOutlook:
         self._probes = probes
         self._tree = TRIANGLE_SECONDS * sum(mesh.triangles for mesh in outline.meshes)
         self._done, self._taken, self._current = 0, 0.0, 0.0
+        self._expected: float | None = None  # of the layer at hand
         self.has_tree = False
+
+    def expect(self, seconds: float) -> None:
+        """The layer at hand takes so many seconds more."""
+        self._expected = self._current + seconds
 
     def watched[Result](
         self, work: Generator[None, None, tuple[Result, float]]
     ) -> Generator[None, None, tuple[Result, float]]:
         """The measuring of one layer (core/slices.py, timed), counted."""
         found, seconds = yield from self._counted(work)
-        self._done, self._taken, self._current = self._done + 1, self._taken + seconds, 0.0
+        self._done, self._taken = self._done + 1, self._taken + seconds
+        self._current, self._expected = 0.0, None
         return found, seconds
 
     def _counted[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
@@ -67,19 +76,27 @@ class MeasuringOutlook:
         else:
             each = PROBE_SECONDS * (DEFAULT_PROBES if self._probes is None else self._probes)
             if self._probes is None:
-                each = min(each, max(allowed_seconds(baking_seconds) - tree, 0.0) / max(self._layers, 1))
+                allowed = USED_SHARE * max(allowed_seconds(baking_seconds) - tree, 0.0)
+                each = min(each, allowed / max(self._layers, 1))
         left = self._layers - self._done
         if left <= 0:
             return tree
-        # One that takes longer than expected is taken to be two thirds through.
-        return tree + (left - 1) * each + max(each - self._current, 0.5 * self._current)
+        if self._expected is not None:
+            here = max(self._expected - self._current, 0.1 * self._current)
+        else:  # one that takes longer than expected is taken to be two thirds through
+            here = max(each - self._current, 0.5 * self._current)
+        return tree + (left - 1) * each + here
 
 
 def within[Result](
-    work: Callable[[int], Generator[None, None, Result]], seconds: float, most: int = DEFAULT_PROBES
+    work: Callable[[int], Generator[None, None, Result]],
+    seconds: float,
+    most: int = DEFAULT_PROBES,
+    expect: Callable[[float], None] = lambda seconds: None,
 ) -> Generator[None, None, tuple[Result, int]]:
     """What `work(probes)` returns, for the largest power of two of probes that fits into `seconds`, and that
-    number: at least the second pilot's, at most `most`.
+    number: at least the second pilot's, at most `most`. `expect` is told how long it still
+    takes, as soon as that is known.
 
     The clock decides, not what was found, so that the estimates stay unbiased; powers of two, so that a bake
     that is made again seldom gets another number.
@@ -97,6 +114,7 @@ def within[Result](
             while 2 * probes <= min(affordable, most):
                 probes *= 2
             if probes > found[1]:
+                expect(took * probes / found[1])
                 found = (yield from work(probes)), probes
         elif affordable < PILOTS[number + 1]:
             break

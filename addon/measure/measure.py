@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import replace
 
 import numpy as np
@@ -96,10 +96,12 @@ class Measurement:
         casters: np.ndarray,
         image: np.ndarray,
         allowed_seconds: float = math.inf,
+        expect: Callable[[float], None] = lambda seconds: None,
     ) -> Generator[None, None, LayerError | NotMeasured]:
         """One layer's error, after the last tile; yields between slices of work. `casters` (instances,)
         uint8: what can block the light; `image` (height, width[, channels]): the finished layer;
-        `allowed_seconds`: what there is time for, where the number of probes was left open."""
+        `allowed_seconds`: what there is time for, where the number of probes was left open, and `expect`
+        is told how long it still takes."""
         if layer.name in self._lost:
             return self._lost[layer.name]
 
@@ -116,7 +118,7 @@ class Measurement:
         if not self.has_budget:
             error, seconds = yield from timed(measuring(self.probes))
         else:
-            (error, probes), seconds = yield from timed(within(measuring, allowed_seconds))
+            (error, probes), seconds = yield from timed(within(measuring, allowed_seconds, expect=expect))
             error = replace(error, probes_in_time=probes)
         return replace(error, seconds=choosing_seconds + seconds)
 

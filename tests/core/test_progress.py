@@ -72,9 +72,9 @@ def test_measuring_is_expected_to_go_on_as_it_began():
     graph = SimpleNamespace(layers=[layer] * 4)
     outline = SimpleNamespace(meshes=[SimpleNamespace(triangles=2_000_000)])
     outlook = MeasuringOutlook(graph, outline, 1000)
-    assert outlook.seconds_left(10.0) == pytest.approx(1.0 + 4 * 0.2)
+    assert outlook.seconds_left(10.0) == pytest.approx(1.0 + 4 * 0.3)
     outlook.has_tree = True
-    assert outlook.seconds_left(10.0) == pytest.approx(4 * 0.2)
+    assert outlook.seconds_left(10.0) == pytest.approx(4 * 0.3)
 
     def measured():
         return "error", 3.0
@@ -84,7 +84,24 @@ def test_measuring_is_expected_to_go_on_as_it_began():
     assert outlook.seconds_left(10.0) == pytest.approx(9.0)
     few = MeasuringOutlook(graph, outline, None)
     few.has_tree = True
-    assert few.seconds_left(0.1) == pytest.approx(0.15 * 2.0)
+    assert few.seconds_left(0.1) == pytest.approx(0.8 * 0.15 * 2.0)
+
+
+def test_what_the_pilots_say_of_a_layer_is_believed():
+    layer = SimpleNamespace(kind=SimpleNamespace(score=print))
+    graph = SimpleNamespace(layers=[layer] * 2)
+    outlook = MeasuringOutlook(graph, SimpleNamespace(meshes=[]), None)
+    told = []
+
+    def measured():
+        outlook.expect(5.0)
+        told.append(outlook.seconds_left(100.0))
+        return "error", 5.0
+        yield
+
+    finished(outlook.watched(measured()))
+    assert told == [pytest.approx(5.0 + 2048 * 3e-4)]  # and the other as layers mostly do
+    assert outlook.seconds_left(100.0) == pytest.approx(5.0)
 
 
 def test_what_has_more_to_do_takes_as_many_times_as_long(monkeypatch):

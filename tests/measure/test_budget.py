@@ -36,8 +36,10 @@ def test_measuring_is_a_share_of_the_whole():
 @pytest.mark.parametrize("once", [0.0, 0.3])
 def test_as_many_probes_as_fit_are_taken(monkeypatch, per_probe, once):
     clock = Clock(monkeypatch, per_probe, once)
-    result, probes = finished(within(clock.work, 1.0))
+    told = []
+    result, probes = finished(within(clock.work, 1.0, expect=told.append))
     assert result == probes == clock.runs[-1]
+    assert told == [pytest.approx(per_probe * probes)] * (probes > 128)
     assert clock.seconds <= 1.0
     more = clock.seconds + per_probe * 2 * probes
     assert probes == DEFAULT_PROBES or more > 1.0 or probes < 128
