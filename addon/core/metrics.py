@@ -1,4 +1,4 @@
-"""How wrong an image is: the one definition of every error figure, in float64.
+"""Figures of how wrong an image is, in float64.
 
 `weights` say how much a pixel matters (of a lamp's visibility: the unshadowed irradiance). `sampling` says
 how many pixels a sample stands for; None: every pixel is there, once.
@@ -23,22 +23,6 @@ def _together(*arrays) -> list[np.ndarray]:
 
 def _sampling(sampling, like: np.ndarray) -> np.ndarray:
     return np.ones_like(like) if sampling is None else np.asarray(sampling, np.float64).reshape(-1)
-
-
-def weighted_rmse(errors, weights, sampling=None) -> float:
-    """sqrt(sum of weight * error^2 / sum of weight); 0 if nothing has weight."""
-    errors, weights = _together(errors, weights)
-    weights = weights * _sampling(sampling, weights)
-    total = weights.sum()
-    return float(np.sqrt((weights * errors**2).sum() / total)) if total > 0.0 else 0.0
-
-
-def weighted_bias(errors, weights, sampling=None) -> float:
-    """sum of weight * error / sum of weight; 0 if nothing has weight."""
-    errors, weights = _together(errors, weights)
-    weights = weights * _sampling(sampling, weights)
-    total = weights.sum()
-    return float((weights * errors).sum() / total) if total > 0.0 else 0.0
 
 
 def seen(weights, sampling=None) -> np.ndarray:

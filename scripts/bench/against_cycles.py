@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from strata.addon.bake import Baked, Options, bake
-from strata.addon.core.metrics import maximum, quantile, weighted_bias, weighted_rmse
+from strata.addon.core.metrics import maximum, quantile
+from strata.tests.support.figures import weighted_bias, weighted_rmse
 
 from . import cycles, methods, scenes
 

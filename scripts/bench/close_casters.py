@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
-from strata.addon.core.metrics import maximum, quantile, weighted_bias, weighted_rmse
+from strata.addon.core.metrics import maximum, quantile
+from strata.tests.support.figures import weighted_bias, weighted_rmse
 
 from . import against_cycles
 from .methods import Effect, accelerator_of, surface_of, traced

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 from strata.addon.core.emitter import EmitterKind
-from strata.addon.core.metrics import maximum, quantile, weighted_bias, weighted_rmse
+from strata.addon.core.metrics import maximum, quantile
 from strata.tests.support.closed_forms import visibility
+from strata.tests.support.figures import weighted_bias, weighted_rmse
 
 from .methods import Effect, surface_of
 from .scenes import read

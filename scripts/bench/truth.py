@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from strata.addon.core.metrics import maximum, quantile, weighted_bias, weighted_rmse
+from strata.addon.core.metrics import maximum, quantile
+from strata.tests.support.figures import weighted_bias, weighted_rmse
 
 from .methods import Surface, accelerator_of, traced
 from .scenes import Case

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image, ImageDraw
-from strata.addon.core.metrics import weighted_rmse
 from strata.scripts.bench.document import ROOT
 from strata.scripts.bench.methods import Effect, Rays, surface_of
 from strata.scripts.bench.scenes import open_sample, read
 from strata.scripts.pictures.contact_sheet import label_font, srgb
+from strata.tests.support.figures import weighted_rmse
 
 SIZE = (640, 360)
 RAYS = 1024

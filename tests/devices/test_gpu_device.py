@@ -15,9 +15,9 @@ from strata.addon.core.view import View
 from strata.addon.devices import start
 from strata.addon.devices.gpu import GpuDevice
 from strata.addon.devices.gpu_image import stack_columns
-from strata.addon.devices.gpu_programs import all_shaders
 from strata.addon.effects.shared.gpu_steps import UNSORT
 from strata.addon.effects.shared.steps import LAYERED_DEPTH
+from strata.scripts.build.compile_shaders import all_shaders
 from strata.tests.support.gpu_objects import GpuObjects
 from strata.tests.support.gpu_scenes import gpu_device, scene_of, share_beyond, triangle_mesh
 

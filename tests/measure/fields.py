@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from strata.addon.core.metrics import weighted_rmse
 from strata.addon.core.surface import SurfacePoints
 from strata.addon.measure.difficulty import Difficulty
 from strata.addon.measure.shadow_probes import KEPT, Stratum
+from strata.tests.support.figures import weighted_rmse
 
 
 class Field:

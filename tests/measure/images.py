@@ -11,21 +11,9 @@ from strata.addon.core.view_rays import ViewRays
 from strata.addon.measure.image import WRONG, WatchedImage, measure_light, measure_mask
 from strata.addon.measure.probes import ProbeCollector
 from strata.addon.measure.report import LayerError
+from strata.tests.support.figures import relative_l2, wrong_share
 
 NAME = "Layer"
-
-
-def relative_l2(values, truths) -> float:
-    """Root mean square of value - truth over the mean |truth|, in float64; 0 where both are all 0, infinite
-    where only the truth is."""
-    values, truths = np.asarray(values, np.float64), np.asarray(truths, np.float64)
-    root, mean = np.sqrt(np.mean((values - truths) ** 2)), np.mean(np.abs(truths))
-    return float(root / mean) if mean > 0.0 else np.inf if root > 0.0 else 0.0
-
-
-def wrong_share(values, truths, tolerance: float = 0.0) -> float:
-    """Share of the pixels that are off by more than `tolerance`, in float64."""
-    return float(np.mean(np.abs(np.asarray(values, np.float64) - truths) > tolerance))
 
 
 def collected(values: np.ndarray, probes: int, seed: int) -> ProbeCollector:

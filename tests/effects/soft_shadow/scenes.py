@@ -8,6 +8,7 @@ from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.view import View
 from strata.addon.effects.soft_shadow.views import light_views
 from strata.tests.support import closed_forms
+from strata.tests.support.figures import weighted_rmse
 
 DOWN = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))
 
@@ -97,14 +98,10 @@ def turned_axes(forward):
     return tuple(tuple(map(float, axis)) for axis in (right, np.cross(right, forward), forward))
 
 
-def weighted_rmse(found, truth, weight):
-    return float(np.sqrt((weight * (found - truth) ** 2).sum() / weight.sum()))
-
-
 def against_closed_form(emitter, plates, points, extra=(GROUND,), **settings):
     truth, weight = closed_forms.visibility(emitter, points, np.tile(UP, (len(points), 1)), plates)
     found, _ = Stage([*extra, *plates]).visibility(emitter, points, UP, **settings)
-    return weighted_rmse(found, truth, weight)
+    return weighted_rmse(found - truth, weight)
 
 
 def lamp_view():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import strata_kernels as kernels
 from strata.addon.core.view import View
-from strata.tests.effects.soft_shadow.scenes import GROUND, Stage, lamp, lamp_view, turned_axes, weighted_rmse
+from strata.tests.effects.soft_shadow.scenes import GROUND, Stage, lamp, lamp_view, turned_axes
+from strata.tests.support.figures import weighted_rmse
 
 
 def torus(major_radius, minor_radius, rotation, place, around=48, across=24):
@@ -75,20 +76,20 @@ def test_a_scene_of_tori_agrees_with_1024_rays(tori, tori_truth):
     truth, weight = tori_truth
     found, _ = tori_visibility(tori, tori_maps(tori))
     # 64 stratified rays reach about .010 on such scenes.
-    assert weighted_rmse(found.ravel(), truth, weight) < 0.013
+    assert weighted_rmse(found.ravel() - truth, weight) < 0.013
     found, _ = tori_visibility(tori, tori_maps(tori), 4096)
-    assert weighted_rmse(found.ravel(), truth, weight) < 0.010
+    assert weighted_rmse(found.ravel() - truth, weight) < 0.010
 
 
 def test_a_missing_layer_and_a_shifted_map_show(tori, tori_truth):
     truth, weight = tori_truth
     stage, emitter, (position, _, _) = tori
-    good = weighted_rmse(tori_visibility(tori, tori_maps(tori))[0].ravel(), truth, weight)
-    leaking = weighted_rmse(tori_visibility(tori, tori_maps(tori, layers=2))[0].ravel(), truth, weight)
+    good = weighted_rmse(tori_visibility(tori, tori_maps(tori))[0].ravel() - truth, weight)
+    leaking = weighted_rmse(tori_visibility(tori, tori_maps(tori, layers=2))[0].ravel() - truth, weight)
     shifted = []
     for view, depths in stage.depths(emitter, position.reshape(-1, 3)):
         shifted.append(kernels.soft_shadow_prepare(np.roll(depths, 8, axis=2), view.packed()))
-    moved = weighted_rmse(tori_visibility(tori, shifted)[0].ravel(), truth, weight)
+    moved = weighted_rmse(tori_visibility(tori, shifted)[0].ravel() - truth, weight)
     assert leaking > 1.3 * good
     assert moved > 2.0 * good
 

@@ -17,9 +17,9 @@ from strata.tests.effects.soft_shadow.scenes import (
     lamp,
     plate,
     turned_axes,
-    weighted_rmse,
 )
 from strata.tests.support import closed_forms
+from strata.tests.support.figures import weighted_rmse
 
 # A plate close to the lamp, beside the small window around the points: only the wide map knows it, and it
 # hides a part of the lamp from points within. Another reaches over the border.
@@ -65,7 +65,7 @@ def test_a_point_sees_the_occluders_beside_a_small_window(windows, method):
     maps = nested_maps(stage, windows)
     found, _ = stage.visibility(emitter, points, normals, method, maps=maps)
     # As the widest alone; to read the smallest map alone gave .13.
-    assert weighted_rmse(found, truth, weight) < 0.012
+    assert weighted_rmse(found - truth, weight) < 0.012
     # The other twin, to the last sample.
     other = "plain" if method == "bitmask" else "bitmask"
     twin, _ = stage.visibility(emitter, points, normals, other, maps=maps)
@@ -82,11 +82,11 @@ def test_the_small_window_of_a_sun_reads_what_the_wide_one_knows():
     maps = nested_maps(stage, windows, (0.0, 0.0, 6.0), axes, 20.0, orthographic=True)
     found, _ = stage.visibility(emitter, points, UP, maps=maps)
     # As the wide map alone; the small map alone gives .44.
-    assert weighted_rmse(found, truth, weight) < 0.015
+    assert weighted_rmse(found - truth, weight) < 0.015
     alone, _ = stage.visibility(emitter, points, UP, maps=maps[1:])
     small, _ = stage.visibility(emitter, points, UP, maps=maps[:1])
-    assert weighted_rmse(alone, truth, weight) < 0.015
-    assert weighted_rmse(small, truth, weight) > 0.3
+    assert weighted_rmse(alone - truth, weight) < 0.015
+    assert weighted_rmse(small - truth, weight) > 0.3
 
 
 def test_nested_windows_do_not_count_an_area_twice():

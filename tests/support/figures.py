@@ -1,0 +1,35 @@
+"""Error figures of whole images by their definitions, in float64: what reports estimate from probes.
+
+`weights` say how much a pixel matters (of a lamp's visibility: the unshadowed irradiance).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def weighted_rmse(errors, weights) -> float:
+    """sqrt(sum of weight * error^2 / sum of weight); 0 if nothing has weight."""
+    errors, weights = (np.asarray(each, np.float64).ravel() for each in (errors, weights))
+    total = weights.sum()
+    return float(np.sqrt((weights * errors**2).sum() / total)) if total > 0.0 else 0.0
+
+
+def weighted_bias(errors, weights) -> float:
+    """sum of weight * error / sum of weight; 0 if nothing has weight."""
+    errors, weights = (np.asarray(each, np.float64).ravel() for each in (errors, weights))
+    total = weights.sum()
+    return float((weights * errors).sum() / total) if total > 0.0 else 0.0
+
+
+def relative_l2(values, truths) -> float:
+    """Root mean square of value - truth over the mean |truth|; 0 where both are all 0, infinite where only
+    the truth is."""
+    values, truths = np.asarray(values, np.float64), np.asarray(truths, np.float64)
+    root, mean = np.sqrt(np.mean((values - truths) ** 2)), np.mean(np.abs(truths))
+    return float(root / mean) if mean > 0.0 else np.inf if root > 0.0 else 0.0
+
+
+def wrong_share(values, truths, tolerance: float = 0.0) -> float:
+    """Share of the pixels that are off by more than `tolerance`."""
+    return float(np.mean(np.abs(np.asarray(values, np.float64) - truths) > tolerance))
