@@ -233,7 +233,7 @@ def test_a_raised_flag_cancels():
     cancel = kernels.CancelFlag()
     cancel.set()
     with pytest.raises(kernels.Cancelled):
-        kernels.layered_depth(geometry, everything(geometry), down().packed(), 2, 8, 8, cancel)
+        kernels.layered_depth(geometry, everything(geometry), down().packed(), 2, 8, 8, cancel=cancel)
     with pytest.raises(kernels.Cancelled):
         kernels.raster_surface(geometry, everything(geometry), down().packed(), 8, 8, cancel=cancel)
 
@@ -261,7 +261,8 @@ def bad_calls():
         (depth(view=endless), "finite"),
         (depth(view=down(near=0.0).packed()), "near"),
         (depth(view=view[:4]), "19 numbers"),
-        (surface(rows=(4, 9)), "rows"),
+        (surface(rows=(4, 9000)), "rows"),
+        (surface(columns=(-9000, 4)), "columns"),
         (surface(rows=(4, 4)), "rows"),
         (surface(attributes=["colour"]), "colour"),
         (surface(jitter=(np.nan, 0.0)), "finite"),

@@ -154,6 +154,36 @@ def test_materials_come_from_slots_and_clip_by_alpha():
     np.testing.assert_array_equal(s["object_id"][row > column], 4)
 
 
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_pixels_do_not_depend_on_which_others_are_asked_for(orthographic):
+    rng = np.random.default_rng(7)
+    view = turned_view(rng, near=0.3, far=40.0, orthographic=orthographic, half=2.0 if orthographic else 0.7)
+    geometry = kernels.Geometry()
+    add_triangles(geometry, random_triangles(rng, view, "ordinary", 80))
+    wide = surface(geometry, view, 90, 70, jitter=(0.3, -0.2), rows=(-70, 140), columns=(-90, 180))
+    assert (wide["triangle"] >= 0).mean() > 0.1
+    for rows, columns in (
+        ((0, 70), (0, 90)),
+        ((-41, 3), (-90, 7)),
+        ((5, 6), (64, 180)),
+        ((69, 140), (-1, 1)),
+    ):
+        part = surface(geometry, view, 90, 70, jitter=(0.3, -0.2), rows=rows, columns=columns)
+        inside = slice(rows[0] + 70, rows[1] + 70), slice(columns[0] + 90, columns[1] + 90)
+        for name, image in part.items():
+            np.testing.assert_array_equal(image, wide[name][inside])
+        mask, packed = everything(geometry), view.packed()
+        region = {"rows": rows, "columns": columns, "jitter": (0.3, -0.2)}
+        depth = np.full(part["depth"].shape, np.inf, np.float32)
+        before = kernels.raster_before(geometry, mask, packed, 90, 70, depth, **region)
+        np.testing.assert_array_equal(before, part["object_id"])
+        assert (kernels.raster_before(geometry, mask, packed, 90, 70, part["depth"], **region) == -1).all()
+        del region["jitter"]
+        layers = kernels.layered_depth(geometry, mask, packed, 3, 90, 70, **region)
+        whole = kernels.layered_depth(geometry, mask, packed, 3, 90, 70, rows=(-70, 140), columns=(-90, 180))
+        np.testing.assert_array_equal(layers, whole[:, *inside])
+
+
 # Extremes
 
 

@@ -40,29 +40,36 @@ pub struct Chunk {
 /// First and last pixel of a box: x and y.
 pub type Pixels = [[i32; 2]; 2];
 
-/// The tiles that cover some whole-width rows of an image.
+/// The tiles that cover a rectangle of pixels, in an image or reaching beyond it.
 #[derive(Clone, Copy)]
 pub struct Grid {
+    /// First pixel that is wanted, column and row, from the image's own.
+    pub first: [i32; 2],
     pub width: usize,
-    /// Image rows that are wanted.
-    pub y0: usize,
-    pub y1: usize,
+    pub height: usize,
+    /// Tiles are counted from the image's pixel (0, 0), so that a pixel's blocks do not depend on what is wanted.
+    first_tile: [i32; 2],
     pub columns: usize,
-    /// Tile rows are counted from the image's row 0, so that a pixel's blocks do not depend on `y0`.
-    pub first_row: usize,
-    pub rows: usize,
+    rows: usize,
 }
 
 impl Grid {
-    pub fn new(width: usize, y0: usize, y1: usize) -> Self {
-        let first_row = y0 / TILE;
+    pub fn new([columns, rows]: [Range<i32>; 2]) -> Self {
+        let tiles = |pixels: &Range<i32>| {
+            let first = pixels.start.div_euclid(TILE as i32);
+            (
+                first,
+                ((pixels.end - 1).div_euclid(TILE as i32) + 1 - first) as usize,
+            )
+        };
+        let ((left, across), (bottom, along)) = (tiles(&columns), tiles(&rows));
         Grid {
-            width,
-            y0,
-            y1,
-            columns: width.div_ceil(TILE),
-            first_row,
-            rows: y1.div_ceil(TILE) - first_row,
+            first: [columns.start, rows.start],
+            width: columns.len(),
+            height: rows.len(),
+            first_tile: [left, bottom],
+            columns: across,
+            rows: along,
         }
     }
 
@@ -71,20 +78,44 @@ impl Grid {
     }
 
     /// First pixel of a tile, in image coordinates.
-    pub fn origin(&self, tile: usize) -> [usize; 2] {
+    pub fn origin(&self, tile: usize) -> [i32; 2] {
+        let [left, bottom] = self.first_tile;
         [
-            (tile % self.columns) * TILE,
-            (tile / self.columns + self.first_row) * TILE,
+            (left + (tile % self.columns) as i32) * TILE as i32,
+            (bottom + (tile / self.columns) as i32) * TILE as i32,
         ]
     }
 
-    /// Image columns and rows of a tile that are wanted.
-    pub fn extent(&self, tile: usize) -> (Range<usize>, Range<usize>) {
-        let [x, y] = self.origin(tile);
-        (
-            x..(x + TILE).min(self.width),
-            y.max(self.y0)..(y + TILE).min(self.y1),
-        )
+    /// Columns and rows of a tile that are wanted, from its origin.
+    pub fn extent(&self, tile: usize) -> [Range<usize>; 2] {
+        let (origin, sides) = (self.origin(tile), [self.width, self.height]);
+        std::array::from_fn(|axis| {
+            let first = self.first[axis] - origin[axis];
+            first.max(0) as usize..(first + sides[axis] as i32).min(TILE as i32) as usize
+        })
+    }
+
+    /// The tile that holds a pixel.
+    #[inline(always)]
+    fn tile_at(&self, axis: usize, pixel: i32) -> usize {
+        (pixel.div_euclid(TILE as i32) - self.first_tile[axis]) as usize
+    }
+
+    /// Deals the rows of an image of what is wanted to the tiles, `take` gets a tile, its row's number among those of
+    /// it that are wanted, and its part.
+    pub fn deal<'a, T>(&self, image: &'a mut [T], mut take: impl FnMut(usize, usize, &'a mut [T])) {
+        let [left, bottom] = self.first;
+        for (index, mut row) in image.chunks_mut(self.width).enumerate() {
+            let (y, mut x) = (bottom + index as i32, left);
+            let tiles = self.tile_at(1, y) * self.columns;
+            let number = (y.rem_euclid(TILE as i32) as usize).min(index);
+            for column in 0..self.columns {
+                let count = row.len().min(TILE - x.rem_euclid(TILE as i32) as usize);
+                let (part, rest) = row.split_at_mut(count);
+                take(tiles + column, number, part);
+                (row, x) = (rest, x + count as i32);
+            }
+        }
     }
 
     /// First and last pixel whose centre lies in the bounding box; None where there is none.
@@ -96,14 +127,13 @@ impl Grid {
             high = [high[0].max(p[0]), high[1].max(p[1])];
         }
         let first = |at: i32| (at + SUBPIXELS - 1) >> SUBPIXEL_BITS;
-        let x = [
-            first(low[0]).max(0),
-            (high[0] >> SUBPIXEL_BITS).min(self.width as i32 - 1),
-        ];
-        let y = [
-            first(low[1]).max(self.y0 as i32),
-            (high[1] >> SUBPIXEL_BITS).min(self.y1 as i32 - 1),
-        ];
+        let [x, y] = std::array::from_fn(|axis| {
+            let (start, side) = (self.first[axis], [self.width, self.height][axis] as i32);
+            [
+                first(low[axis]).max(start),
+                (high[axis] >> SUBPIXEL_BITS).min(start + side - 1),
+            ]
+        });
         (x[0] <= x[1] && y[0] <= y[1]).then_some([[x[0], y[0]], [x[1], y[1]]])
     }
 }
@@ -217,9 +247,8 @@ impl SetUpChunk<'_> {
     /// Notes the item for every tile that the outline may touch.
     #[inline(always)]
     fn bin(&self, points: &[Point], [[x0, y0], [x1, y1]]: Pixels, item: u32, pairs: &mut Vec<(u32, u32)>) {
-        let tile = |at: i32| at as usize / TILE;
-        let (tx0, tx1) = (tile(x0), tile(x1) + 1);
-        let (ty0, ty1) = (tile(y0) - self.grid.first_row, tile(y1) + 1 - self.grid.first_row);
+        let (tx0, tx1) = (self.grid.tile_at(0, x0), self.grid.tile_at(0, x1) + 1);
+        let (ty0, ty1) = (self.grid.tile_at(1, y0), self.grid.tile_at(1, y1) + 1);
         let few = tx1 - tx0 <= 2 && ty1 - ty0 <= 2;
         for ty in ty0..ty1 {
             for tx in tx0..tx1 {

@@ -188,10 +188,10 @@ impl Camera {
         std::array::from_fn(|k| std::array::from_fn(|l| (right[k] * x[l] + up[k] * y[l]) + forward[k]))
     }
 
-    pub fn ray(&self, x: usize, y: usize) -> Ray {
-        let at = |i: usize, pixel: usize| self.first[i] + pixel as f64 * self.step[i];
+    pub fn ray(&self, pixel: [i32; 2]) -> Ray {
+        let at = |i: usize| self.first[i] + f64::from(pixel[i]) * self.step[i];
         let [right, up, forward] = self.axes;
-        let across = add(scale(right, at(0, x)), scale(up, at(1, y)));
+        let across = add(scale(right, at(0)), scale(up, at(1)));
         if self.orthographic {
             Ray {
                 origin: across,

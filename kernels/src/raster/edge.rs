@@ -32,17 +32,17 @@ where
 }
 
 impl Edge<i64> {
-    fn value(&self, at: [usize; 2]) -> i64 {
-        self.at + self.dx * at[0] as i64 + self.dy * at[1] as i64
+    fn value(&self, at: [i32; 2]) -> i64 {
+        self.at + self.dx * i64::from(at[0]) + self.dy * i64::from(at[1])
     }
 
     /// Largest value over the pixels of the tile that starts at `origin`.
-    pub fn largest(&self, origin: [usize; 2]) -> i64 {
+    pub fn largest(&self, origin: [i32; 2]) -> i64 {
         self.value(origin) + (self.dx.max(0) + self.dy.max(0)) * (TILE as i64 - 1)
     }
 
     /// Smallest value over the pixels of the tile that starts at `origin`.
-    pub fn smallest(&self, origin: [usize; 2]) -> i64 {
+    pub fn smallest(&self, origin: [i32; 2]) -> i64 {
         self.value(origin) + (self.dx.min(0) + self.dy.min(0)) * (TILE as i64 - 1)
     }
 }

@@ -62,7 +62,7 @@ impl<'a> Finder<'a> {
 
     /// Sets the depths of a block's fragments that alpha clip cuts away to infinity; `pixel` is its first.
     #[inline(never)]
-    pub fn cut(&self, depths: &mut Lanes<f32>, id: u32, pixel: [usize; 2]) {
+    pub fn cut(&self, depths: &mut Lanes<f32>, id: u32, pixel: [i32; 2]) {
         let hit = self.find(id);
         let cutout = &self.data.cutouts[hit.material() as usize];
         for (row, depths) in depths.0.as_chunks_mut::<WIDE>().0.iter_mut().enumerate() {
@@ -70,7 +70,7 @@ impl<'a> Finder<'a> {
             if wanted == [false; WIDE] {
                 continue;
             }
-            let pixels = Pixels::new([pixel[0], pixel[1] + row], wanted);
+            let pixels = Pixels::new([pixel[0], pixel[1] + row as i32], wanted);
             let [u, v] = hit.uvs(&hit.weights(self.camera, pixels));
             for (l, depth) in depths.iter_mut().enumerate() {
                 if wanted[l] && !cutout.is_opaque([u[l] as f32, v[l] as f32]) {
@@ -135,7 +135,7 @@ pub type Wide3 = [Wide; 3];
 /// Neighbouring pixels of a row; what is `wanted` of them, the others may be anything.
 #[derive(Clone, Copy)]
 pub struct Pixels {
-    first: [usize; 2],
+    first: [i32; 2],
     /// Column of each, and their row.
     x: Wide,
     y: f64,
@@ -145,12 +145,11 @@ pub struct Pixels {
 impl Pixels {
     /// From pixel `first` on to the right.
     #[inline(always)]
-    pub fn new(first: [usize; 2], wanted: [bool; WIDE]) -> Self {
-        let x = first[0] as i32; // an image's side is below 2^15
+    pub fn new(first: [i32; 2], wanted: [bool; WIDE]) -> Self {
         Pixels {
             first,
-            x: std::array::from_fn(|l| f64::from(x + l as i32)),
-            y: f64::from(first[1] as i32),
+            x: std::array::from_fn(|l| f64::from(first[0] + l as i32)),
+            y: f64::from(first[1]),
             wanted,
         }
     }
@@ -200,8 +199,8 @@ impl Hit<'_> {
         });
         if inside != [true; WIDE] {
             for l in (0..WIDE).filter(|&l| pixels.wanted[l] && !inside[l]) {
-                let nearest =
-                    self.nearest_on_outline(camera, &camera.ray(pixels.first[0] + l, pixels.first[1]));
+                let nearest = self
+                    .nearest_on_outline(camera, &camera.ray([pixels.first[0] + l as i32, pixels.first[1]]));
                 for (weight, nearest) in weights.iter_mut().zip(nearest) {
                     weight[l] = nearest;
                 }

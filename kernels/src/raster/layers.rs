@@ -60,40 +60,30 @@ impl Work for DrawTile<'_, '_> {
         };
         draw_tile(v, self.bins, self.tile, self.finder, &mut sink);
         let count = self.rows.len() / self.layers;
-        for (index, row) in self.rows.iter_mut().enumerate() {
-            let (layer, y) = (index / count, index % count);
-            let lanes = |four: usize| {
-                let (block, lane) = quarter(four * BLOCK_WIDTH, y);
-                &sink.depths[block * self.layers + layer].0[lane..lane + BLOCK_WIDTH]
-            };
-            let (fours, rest) = row.as_chunks_mut::<BLOCK_WIDTH>();
-            for (four, out) in fours.iter_mut().enumerate() {
-                out.copy_from_slice(lanes(four));
-            }
-            if !rest.is_empty() {
-                rest.copy_from_slice(&lanes(fours.len())[..rest.len()]);
+        let [columns, rows] = self.bins.grid.extent(self.tile);
+        for (index, mut row) in self.rows.iter_mut().map(|row| &mut **row).enumerate() {
+            let (layer, y) = (index / count, rows.start + index % count);
+            let mut x = columns.start;
+            while !row.is_empty() {
+                let (block, lane) = quarter(x, y);
+                let lanes = &sink.depths[block * self.layers + layer].0[lane..lane + BLOCK_WIDTH];
+                let inside = &lanes[x % BLOCK_WIDTH..];
+                let (part, rest) = row.split_at_mut(row.len().min(inside.len()));
+                part.copy_from_slice(&inside[..part.len()]);
+                (row, x) = (rest, x + part.len());
             }
         }
     }
 }
 
 /// Layer-major depths of the whole image: `layers * height * width`, ascending, INFINITY where there is no more.
-pub fn layered_depth(
-    bins: &Bins,
-    finder: &Finder,
-    layers: usize,
-    height: usize,
-    cancel: &CancelFlag,
-) -> PyResult<Vec<f32>> {
+pub fn layered_depth(bins: &Bins, finder: &Finder, layers: usize, cancel: &CancelFlag) -> PyResult<Vec<f32>> {
     let grid = bins.grid;
-    let mut image = vec![0.0f32; layers * height * grid.width];
+    let mut image = vec![0.0f32; layers * grid.height * grid.width];
     let mut tiles: Vec<Vec<&mut [f32]>> = Vec::new();
     tiles.resize_with(grid.count(), || Vec::with_capacity(TILE * layers));
-    for (index, row) in image.chunks_mut(grid.width).enumerate() {
-        let first = (index % height) / TILE * grid.columns;
-        for (column, part) in row.chunks_mut(TILE).enumerate() {
-            tiles[first + column].push(part);
-        }
+    for layer in image.chunks_mut(grid.height * grid.width) {
+        grid.deal(layer, |tile, _, part| tiles[tile].push(part));
     }
     let buffer = || vec![Lanes([f32::INFINITY; LANES]); BLOCKS * layers];
     tiles

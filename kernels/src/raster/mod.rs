@@ -50,6 +50,9 @@ fn drawn(mask: &Bound<'_, PyAny>, data: &Data) -> PyResult<Vec<bool>> {
     Ok(drawn)
 }
 
+/// How many pixels beyond an image may be asked for: as many as the guard band holds, less those of jitter.
+const MOST_BEYOND: i32 = 8192;
+
 /// What an entry draws, and on which pixels, once its arguments are checked.
 struct Drawing {
     data: Arc<Data>,
@@ -59,30 +62,34 @@ struct Drawing {
 }
 
 impl Drawing {
-    /// The rows asked for, all where none are; `jitter` moves pixel centres.
+    /// The rows and columns asked for, all where none are; `jitter` moves pixel centres.
     fn new(
         geometry: PyRef<'_, Geometry>,
         mask: &Bound<'_, PyAny>,
         view: &PyReadonlyArray1<'_, f64>,
         [width, height]: [usize; 2],
-        rows: Option<(usize, usize)>,
+        [columns, rows]: [Option<(i32, i32)>; 2],
         jitter: (f64, f64),
     ) -> PyResult<Self> {
         let data = geometry.data();
         let drawn = drawn(mask, &data)?;
         let view = View::from_packed(view.as_slice()?)?;
         let camera = Camera::new(&view, width, height, [jitter.0, jitter.1])?;
-        let (y0, y1) = rows.unwrap_or((0, height));
-        if y0 >= y1 || y1 > height {
-            return Err(PyValueError::new_err(format!(
-                "rows {y0} to {y1} are not rows of {height}"
-            )));
-        }
+        let wanted = |asked: Option<(i32, i32)>, side: usize, what: &str| {
+            let (first, end) = asked.unwrap_or((0, side as i32));
+            if first < end && first >= -MOST_BEYOND && end <= side as i32 + MOST_BEYOND {
+                return Ok(first..end);
+            }
+            Err(PyValueError::new_err(format!(
+                "{what} {first} to {end} are not {what} of {side}"
+            )))
+        };
+        let grid = Grid::new([wanted(columns, width, "columns")?, wanted(rows, height, "rows")?]);
         Ok(Drawing {
             data,
             drawn,
             camera,
-            grid: Grid::new(width, y0, y1),
+            grid,
         })
     }
 
@@ -98,17 +105,19 @@ impl Drawing {
     }
 }
 
-/// The surface that `view` sees, in rows `rows[0]..rows[1]` of a `width` x `height` image; row 0 is the bottom row.
+/// The surface that `view` sees, in rows `rows[0]..rows[1]` and columns `columns[0]..columns[1]` of a `width` x `height`
+/// image; row 0 is the bottom row. Both may lie up to 8192 pixels beyond the image. What a pixel shows does not depend
+/// on which others are asked for.
 ///
 /// `visible` (instance_count,) bool or uint8; `view` (19,) f64, as `View.packed()`; `jitter` moves the
-/// pixel centres, in pixels. Returns a dict of the `attributes` asked for, h = rows[1] - rows[0]:
-/// `position` (h, width, 3) f32 metres relative to the eye in world axes, on the triangle; `geometric_normal`
-/// (h, width, 3) f32, unit, facing the viewer; `shading_normal` (h, width, 3) f32, unit, turned with the geometric
-/// one; `depth` (h, width) f32 metres along forward, inf where nothing is; `uv` (h, width, 2) f32;
-/// `object_id`, `instance`, `triangle` (of the instance's mesh), `material` (h, width) i32, -1 where nothing is.
+/// pixel centres, in pixels. Returns a dict of the `attributes` asked for, h = rows[1] - rows[0], w likewise:
+/// `position` (h, w, 3) f32 metres relative to the eye in world axes, on the triangle; `geometric_normal`
+/// (h, w, 3) f32, unit, facing the viewer; `shading_normal` (h, w, 3) f32, unit, turned with the geometric
+/// one; `depth` (h, w) f32 metres along forward, inf where nothing is; `uv` (h, w, 2) f32;
+/// `object_id`, `instance`, `triangle` (of the instance's mesh), `material` (h, w) i32, -1 where nothing is.
 /// What else is nothing is 0. Raises ValueError on bad input, Cancelled when `cancel` is set.
 #[pyfunction]
-#[pyo3(signature = (geometry, visible, view, width, height, rows=None, jitter=(0.0, 0.0), attributes=Vec::new(), cancel=None))]
+#[pyo3(signature = (geometry, visible, view, width, height, rows=None, columns=None, jitter=(0.0, 0.0), attributes=Vec::new(), cancel=None))]
 fn raster_surface<'py>(
     py: Python<'py>,
     geometry: PyRef<'py, Geometry>,
@@ -116,14 +125,15 @@ fn raster_surface<'py>(
     view: PyReadonlyArray1<'py, f64>,
     width: usize,
     height: usize,
-    rows: Option<(usize, usize)>,
+    rows: Option<(i32, i32)>,
+    columns: Option<(i32, i32)>,
     jitter: (f64, f64),
     attributes: Vec<String>,
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let drawing = Drawing::new(geometry, visible, &view, [width, height], rows, jitter)?;
-    let h = drawing.grid.y1 - drawing.grid.y0;
-    let count = h * width;
+    let drawing = Drawing::new(geometry, visible, &view, [width, height], [columns, rows], jitter)?;
+    let (h, w) = (drawing.grid.height, drawing.grid.width);
+    let count = h * w;
     let mut images = Images::default();
     for name in &attributes {
         match name.as_str() {
@@ -158,23 +168,23 @@ fn raster_surface<'py>(
             }
         };
     }
-    give!(position, Vec::into_flattened, [h, width, 3]);
-    give!(geometric_normal, Vec::into_flattened, [h, width, 3]);
-    give!(shading_normal, Vec::into_flattened, [h, width, 3]);
-    give!(uv, Vec::into_flattened, [h, width, 2]);
-    give!(depth, std::convert::identity, [h, width]);
-    give!(object_id, std::convert::identity, [h, width]);
-    give!(instance, std::convert::identity, [h, width]);
-    give!(triangle, std::convert::identity, [h, width]);
-    give!(material, std::convert::identity, [h, width]);
+    give!(position, Vec::into_flattened, [h, w, 3]);
+    give!(geometric_normal, Vec::into_flattened, [h, w, 3]);
+    give!(shading_normal, Vec::into_flattened, [h, w, 3]);
+    give!(uv, Vec::into_flattened, [h, w, 2]);
+    give!(depth, std::convert::identity, [h, w]);
+    give!(object_id, std::convert::identity, [h, w]);
+    give!(instance, std::convert::identity, [h, w]);
+    give!(triangle, std::convert::identity, [h, w]);
+    give!(material, std::convert::identity, [h, w]);
     Ok(result)
 }
 
-/// Which objects lie before a surface already drawn: (h, width) i32 object ids of the nearest one nearer than `depth`
-/// (h, width) f32, metres along forward, by more than a millionth of it; -1 where there is none. The other arguments
-/// are `raster_surface`'s, h = rows[1] - rows[0]. Raises ValueError on bad input, Cancelled when `cancel` is set.
+/// Which objects lie before a surface already drawn: (h, w) i32 object ids of the nearest one nearer than `depth`
+/// (h, w) f32, metres along forward, by more than a millionth of it; -1 where there is none. The other arguments
+/// are `raster_surface`'s, h = rows[1] - rows[0] and w likewise. Raises ValueError on bad input, Cancelled when `cancel` is set.
 #[pyfunction]
-#[pyo3(signature = (geometry, visible, view, width, height, depth, rows=None, jitter=(0.0, 0.0), cancel=None))]
+#[pyo3(signature = (geometry, visible, view, width, height, depth, rows=None, columns=None, jitter=(0.0, 0.0), cancel=None))]
 fn raster_before<'py>(
     py: Python<'py>,
     geometry: PyRef<'py, Geometry>,
@@ -183,17 +193,18 @@ fn raster_before<'py>(
     width: usize,
     height: usize,
     depth: PyReadonlyArray2<'py, f32>,
-    rows: Option<(usize, usize)>,
+    rows: Option<(i32, i32)>,
+    columns: Option<(i32, i32)>,
     jitter: (f64, f64),
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyArray2<i32>>> {
-    let drawing = Drawing::new(geometry, visible, &view, [width, height], rows, jitter)?;
-    let h = drawing.grid.y1 - drawing.grid.y0;
-    if depth.shape() != [h, width] {
+    let drawing = Drawing::new(geometry, visible, &view, [width, height], [columns, rows], jitter)?;
+    let shape = [drawing.grid.height, drawing.grid.width];
+    if depth.shape() != shape {
         return Err(PyValueError::new_err(format!(
             "depth is {:?}, not {:?}",
             depth.shape(),
-            [h, width]
+            shape
         )));
     }
     let depths = depth.as_slice()?;
@@ -203,16 +214,16 @@ fn raster_before<'py>(
             surface::before(bins, finder, depths, &cancel)
         })
     })?;
-    PyArray1::from_vec(py, objects).reshape([h, width])
+    PyArray1::from_vec(py, objects).reshape(shape)
 }
 
 /// The `layers` (1 to 16) nearest depths along forward of every texel, (layers, height, width) f32, ascending, inf
-/// where there are no more. Coplanar duplicates are all kept; an edge between two triangles is one depth.
+/// where there are no more; of `rows` and `columns` where they are given, as `raster_surface` has them. Coplanar duplicates are all kept; an edge between two triangles is one depth.
 ///
 /// `casters` (instance_count,) bool or uint8; `view` (19,) f64, as `View.packed()`. Both sides of a triangle
 /// count. Raises ValueError on bad input, Cancelled when `cancel` is set.
 #[pyfunction]
-#[pyo3(signature = (geometry, casters, view, layers, width, height, cancel=None))]
+#[pyo3(signature = (geometry, casters, view, layers, width, height, rows=None, columns=None, cancel=None))]
 fn layered_depth<'py>(
     py: Python<'py>,
     geometry: PyRef<'py, Geometry>,
@@ -221,6 +232,8 @@ fn layered_depth<'py>(
     layers: usize,
     width: usize,
     height: usize,
+    rows: Option<(i32, i32)>,
+    columns: Option<(i32, i32)>,
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyAny>> {
     if layers == 0 || layers > layers::MAX_LAYERS {
@@ -229,15 +242,22 @@ fn layered_depth<'py>(
             layers::MAX_LAYERS
         )));
     }
-    let drawing = Drawing::new(geometry, casters, &view, [width, height], None, (0.0, 0.0))?;
+    let drawing = Drawing::new(
+        geometry,
+        casters,
+        &view,
+        [width, height],
+        [columns, rows],
+        (0.0, 0.0),
+    )?;
     let cancel = CancelFlag::of(cancel);
     let image = py.detach(|| {
         drawing.binned(&cancel, |bins, finder| {
-            layers::layered_depth(bins, finder, layers, height, &cancel)
+            layers::layered_depth(bins, finder, layers, &cancel)
         })
     })?;
     Ok(PyArray1::from_vec(py, image)
-        .reshape([layers, height, width])?
+        .reshape([layers, drawing.grid.height, drawing.grid.width])?
         .into_any())
 }
 

@@ -26,8 +26,8 @@ pub struct Plane {
 
 impl Plane {
     #[inline(always)]
-    pub fn value(&self, x: usize, y: usize) -> f64 {
-        self.at + self.dx * x as f64 + self.dy * y as f64
+    pub fn value(&self, [x, y]: [i32; 2]) -> f64 {
+        self.at + self.dx * f64::from(x) + self.dy * f64::from(y)
     }
 }
 

@@ -1,6 +1,6 @@
 //! What is seen at the pixels of an image, written to the arrays that are asked for.
 
-use super::bins::{Bins, TILE};
+use super::bins::Bins;
 use super::camera::Camera;
 use super::hit::{Hit, Pixels, WIDE, wide_dot};
 use std::ops::Range;
@@ -27,7 +27,7 @@ pub fn split<'a>(images: &'a mut Images, bins: &Bins) -> Vec<Vec<Row<'a>>> {
     let grid = bins.grid;
     let mut tiles: Vec<Vec<Row>> = Vec::new();
     for tile in 0..grid.count() {
-        let (_, rows) = grid.extent(tile);
+        let [_, rows] = grid.extent(tile);
         let mut parts = Vec::new();
         parts.resize_with(rows.len(), Row::default);
         tiles.push(parts);
@@ -35,14 +35,7 @@ pub fn split<'a>(images: &'a mut Images, bins: &Bins) -> Vec<Vec<Row<'a>>> {
     macro_rules! deal {
         ($($field:ident),*) => {$(
             if let Some(image) = &mut images.$field {
-                for (index, row) in image.chunks_mut(grid.width).enumerate() {
-                    let y = grid.y0 + index;
-                    let tile_row = y / TILE - grid.first_row;
-                    let inside = y - (y / TILE * TILE).max(grid.y0);
-                    for (column, part) in row.chunks_mut(TILE).enumerate() {
-                        tiles[tile_row * grid.columns + column][inside].$field = Some(part);
-                    }
-                }
+                grid.deal(image, |tile, row, part| tiles[tile][row].$field = Some(part));
             }
         )*};
     }
@@ -76,9 +69,9 @@ pub fn clear(row: &mut Row, columns: Range<usize>) {
     }
 }
 
-/// Writes what a triangle shows in some columns of a tile's row; `origin` is the pixel of its column 0.
+/// Writes what a triangle shows in some columns of a row's part of a tile; `origin` is the pixel of its first one.
 #[inline(always)]
-pub fn shade(row: &mut Row, columns: Range<usize>, camera: &Camera, origin: [usize; 2], hit: &Hit) {
+pub fn shade(row: &mut Row, columns: Range<usize>, camera: &Camera, origin: [i32; 2], hit: &Hit) {
     for (ids, id) in [
         (&mut row.object_id, hit.instance.object_id),
         (&mut row.instance, hit.instance_index as i32),
@@ -95,7 +88,10 @@ pub fn shade(row: &mut Row, columns: Range<usize>, camera: &Camera, origin: [usi
     }
     for first in columns.clone().step_by(WIDE) {
         let count = WIDE.min(columns.end - first);
-        let pixels = Pixels::new([origin[0] + first, origin[1]], std::array::from_fn(|l| l < count));
+        let pixels = Pixels::new(
+            [origin[0] + first as i32, origin[1]],
+            std::array::from_fn(|l| l < count),
+        );
         let part = first..first + count;
         let weights = hit.weights(camera, pixels);
         if row.position.is_some() || row.depth.is_some() {

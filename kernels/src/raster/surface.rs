@@ -62,15 +62,13 @@ impl Visibility {
         self.farthest.fill(f32::INFINITY);
     }
 
-    /// Lets in only what is nearer than what a tile shows already: `rows`, depths from its first column on, by row of
-    /// the tile.
-    fn limit<'a>(&mut self, rows: impl Iterator<Item = (usize, &'a [f32])>) {
+    /// Lets in only what is nearer than what a tile shows already: `rows`, depths from column `left` on, by row of the
+    /// tile.
+    fn limit<'a>(&mut self, left: usize, rows: impl Iterator<Item = (usize, &'a [f32])>) {
         for (y, depths) in rows {
-            for (index, part) in depths.chunks(BLOCK_WIDTH).enumerate() {
-                let (block, lane) = quarter(index * BLOCK_WIDTH, y);
-                for (limit, depth) in self.depths[block].0[lane..].iter_mut().zip(part) {
-                    *limit = depth * (1.0 - CONTACT);
-                }
+            for (x, depth) in (left..).zip(depths) {
+                let (block, lane) = quarter(x, y);
+                self.depths[block].0[lane + x % BLOCK_WIDTH] = depth * (1.0 - CONTACT);
             }
         }
         for (farthest, depths) in self.farthest.iter_mut().zip(&self.depths) {
@@ -118,10 +116,12 @@ impl Work for ShadeTile<'_, '_> {
     #[inline(always)]
     fn run<V: Vector>(self, _: V) {
         let (grid, camera) = (self.bins.grid, self.finder.camera);
-        let (origin, (columns, rows)) = (grid.origin(self.tile), grid.extent(self.tile));
+        let (origin, [columns, rows]) = (grid.origin(self.tile), grid.extent(self.tile));
+        let left = columns.start;
         let mut found: [Option<(u32, Hit)>; FOUND] = [const { None }; FOUND];
         for (row, y) in self.rows.iter_mut().zip(rows) {
-            let id = |x: usize| self.visibility.id(x, y - origin[1]);
+            let id = |x: usize| self.visibility.id(left + x, y);
+            let first = [origin[0] + left as i32, origin[1] + y as i32];
             let mut x = 0;
             while x < columns.len() {
                 let (start, here) = (x, id(x));
@@ -138,7 +138,7 @@ impl Work for ShadeTile<'_, '_> {
                     *place = Some((here, self.finder.find(here)));
                 }
                 if let Some((_, hit)) = place {
-                    shade(row, start..x, camera, [origin[0], y], hit);
+                    shade(row, start..x, camera, first, hit);
                 }
             }
         }
@@ -182,11 +182,14 @@ pub fn before(bins: &Bins, finder: &Finder, depths: &[f32], cancel: &CancelFlag)
             return Ok(());
         }
         visibility.clear();
-        let (origin, (columns, rows)) = (grid.origin(tile), grid.extent(tile));
-        visibility.limit(rows.clone().map(|y| {
-            let shown = &depths[(y - grid.y0) * grid.width..][..grid.width];
-            (y - origin[1], &shown[columns.clone()])
-        }));
+        let (origin, [columns, rows]) = (grid.origin(tile), grid.extent(tile));
+        let [across, along] = [0, 1].map(|axis| (origin[axis] - grid.first[axis]) as isize);
+        let place = |from: isize, inside: usize| (from + inside as isize) as usize;
+        let shown = rows.clone().map(|y| {
+            let row = &depths[place(along, y) * grid.width..][..grid.width];
+            (y, &row[place(across, columns.start)..place(across, columns.end)])
+        });
+        visibility.limit(columns.start, shown);
         run_widest(DrawTile {
             bins,
             finder,
@@ -196,7 +199,7 @@ pub fn before(bins: &Bins, finder: &Finder, depths: &[f32], cancel: &CancelFlag)
         for (row, y) in parts.iter_mut().zip(rows) {
             let objects = row.object_id.as_deref_mut().expect("it was asked for");
             for (x, object) in objects.iter_mut().enumerate() {
-                let id = visibility.id(x, y - origin[1]);
+                let id = visibility.id(columns.start + x, y);
                 if id != NOTHING {
                     *object = finder.instance(id).object_id;
                 }

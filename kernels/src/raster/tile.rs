@@ -118,8 +118,8 @@ fn extent(low: Point, high: Point) -> Extent {
 
 /// A triangle no larger than a tile: everything fits 32 bits, and no edge need be tested against the tile.
 #[inline(always)]
-fn small<'a>(origin: [usize; 2], t: &'a Triangle) -> Option<Outline<'a, 3>> {
-    let [ox, oy] = origin.map(|o| o as i32 * SUBPIXELS);
+fn small<'a>(origin: [i32; 2], t: &'a Triangle) -> Option<Outline<'a, 3>> {
+    let [ox, oy] = origin.map(|o| o * SUBPIXELS);
     let [a, b, c] = t.points.map(|p| [p[0] - ox, p[1] - oy]);
     let low = [a[0].min(b[0]).min(c[0]), a[1].min(b[1]).min(c[1])];
     let high = [a[0].max(b[0]).max(c[0]), a[1].max(b[1]).max(c[1])];
@@ -139,8 +139,8 @@ fn small<'a>(origin: [usize; 2], t: &'a Triangle) -> Option<Outline<'a, 3>> {
 
 /// The part of a tile that an outline may cover and the edges that cross it; edges that hold all over
 /// the tile are left all zero, which is inside. None: the outline misses the tile.
-fn cover<const N: usize>(origin: [usize; 2], points: &[Point]) -> Option<(Extent, [Edge<i32>; N])> {
-    let [ox, oy] = origin.map(|o| o as i32 * SUBPIXELS);
+fn cover<const N: usize>(origin: [i32; 2], points: &[Point]) -> Option<(Extent, [Edge<i32>; N])> {
+    let [ox, oy] = origin.map(|o| o * SUBPIXELS);
     let (mut low, mut high) = ([i32::MAX; 2], [i32::MIN; 2]);
     let mut edges = [Edge::default(); N];
     for (i, here) in edges.iter_mut().enumerate().take(points.len()) {
@@ -188,7 +188,7 @@ fn crossed<const N: usize>(edges: &[Edge<i32>; N], y: i32, columns: Range<i32>) 
 #[inline(always)]
 fn draw<V: Vector, S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
     v: V,
-    origin: [usize; 2],
+    origin: [i32; 2],
     outline: &Outline<'_, N>,
     sink: &mut S,
 ) {
@@ -225,8 +225,8 @@ fn draw<V: Vector, S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
             if v.bits(outside) == (1 << LANES) - 1 {
                 continue;
             }
-            let pixel = [origin[0] + x as usize, origin[1] + y as usize];
-            let mut depths = v.add(v.splat(plane.value(pixel[0], pixel[1]) as f32), plane_steps);
+            let pixel = [origin[0] + x, origin[1] + y];
+            let mut depths = v.add(v.splat(plane.value(pixel) as f32), plane_steps);
             if !ORTHOGRAPHIC {
                 // What lies beyond infinity (a plane seen edge on) is far, not behind.
                 depths = v.div(v.splat(1.0), v.max(depths, v.splat(f32::MIN_POSITIVE)));
