@@ -221,7 +221,7 @@ class BakeJob:
         collector = self._measuring and self._measuring.measurement
         for number, group in enumerate(groups):
             self.stage = "Baking"
-            sampled = partial(self._show_tile, execution, number == 0)
+            sampled = partial(self._show_tile, execution)
             for _ in executor.run(group, sampling, collector, execution, sampled):
                 self._show_progress()
                 yield
@@ -268,15 +268,15 @@ class BakeJob:
         if self._seconds_left is not None or passed > FIRST_TOLD_SHARE * (passed + left):
             self._seconds_left = left
 
-    def _show_tile(self, execution: Execution, is_first_group: bool, chunk: Chunk) -> None:
+    def _show_tile(self, execution: Execution, chunk: Chunk) -> None:
         """After a tile's 1st, 2nd, 4th ... and last sample. Of other groups all or nothing is there."""
         taken = chunk.sample + 1
         if self.tiles is None or (taken & chunk.sample and taken < chunk.samples):
             return
         name = next((layer.name for layer in self.graph.layers if _is_composite(layer)), None)
-        if name in execution.images:
-            tile = execution.images[name][chunk.y0 : chunk.y1]
-            self.tiles.append((chunk.y0, tile / np.float32(taken if is_first_group else chunk.samples)))
+        if name in execution.films:
+            tile = execution.films[name].image(slice(chunk.y0, chunk.y1))
+            self.tiles.append((chunk.y0, tile))
 
     def _look(self, executor: Executor) -> Generator[None]:
         """Takes a coarse picture of the scene and plans again with it and with the arrays: boxes alone cannot

@@ -51,6 +51,9 @@ class Device(Protocol):
     def from_host(self, value: Any) -> Any:
         """The inverse of `to_host`."""
 
+    def cropped(self, value: Any, margin: int) -> Any:
+        """The value's images (rows, columns[, channels]) without so many pixels at each side."""
+
     def size_of(self, value: Any) -> int:
         """Bytes that the value's arrays take; 0 for handles that do not tell."""
 

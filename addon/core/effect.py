@@ -4,12 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import Any
 
 from .params import Params, in_words
 from .roles import Role, Subject
 from .score import Score
 from .shader import Shader
+
+
+class Reduce(Enum):
+    """How a pixel's samples become its value (core/film.py). MEAN; WEIGHTED: the sum of weight times value
+    over that of weights, and the plain mean where all weights are 0; FIRST: of what has no mean, such as
+    ids."""
+
+    MEAN = "mean"
+    WEIGHTED = "weighted"
+    FIRST = "first"
 
 
 def no_shaders() -> Iterable[Shader]:
@@ -22,7 +33,8 @@ class LayerKind:
     """The layers an effect makes: one for each that they are `of`. `title` is the pass name's first part,
     `channels` one letter each, "V" or "RGB"; `role` is what they are to the picture.
 
-    `score` tells how wrong they are (core/score.py); None: nobody measures them.
+    `reduce` is how a pixel's samples become its value. `score` tells how wrong they are (core/score.py);
+    None: nobody measures them.
     """
 
     title: str
@@ -30,6 +42,7 @@ class LayerKind:
     score: Score | None = None
     of: Subject = Subject.NOTHING
     role: Role = Role.NONE
+    reduce: Reduce = Reduce.MEAN
     doc: str = ""
 
     def __post_init__(self):

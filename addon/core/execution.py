@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .errors import StrataError
-from .graph import Node, PlannedLayer
+from .film import Film, Take
+from .graph import Node, Rate
 from .metrics import antialiasing_error
+from .surface import Chunk
 
 
 @dataclass
@@ -24,51 +25,37 @@ class Timing:
 
 @dataclass
 class Execution:
-    """What came out. `images`: (height, width[, channels]) float32 by layer name, row 0 at the bottom.
-    `antialiasing`: by an effect's layer, `antialiasing_error` (core/metrics.py) of its pixels. Until a layer
-    is finished its image is the sum of its samples, and `squares` that of their squares; `samples` counts
-    those that the whole image has (with a progressive sampling). Several runs may add to one."""
+    """What came out. `images`: finished ones, (height, width[, channels]) float32 by layer name, row 0 at the
+    bottom; `films`: those under way, by the name of what they take (core/film.py). `antialiasing`: by an
+    effect's layer, `antialiasing_error` (core/metrics.py) of its pixels. `samples` counts those that the
+    whole image has (with a progressive sampling). Several runs may add to one."""
 
     images: dict[str, np.ndarray] = field(default_factory=dict)
+    films: dict[str, Film] = field(default_factory=dict)
     timings: dict[tuple[str, str], Timing] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     antialiasing: dict[str, float | None] = field(default_factory=dict)
-    squares: dict[str, np.ndarray] = field(default_factory=dict)
     samples: int = 0
 
-    def begin(self, layer: PlannedLayer, shape: tuple[int, ...], samples: int) -> None:
-        """Makes room for a layer, unless it is a sum that has begun. `shape`: (height, width[, channels])."""
-        if layer.name in self.images:
-            return
-        try:
-            self.images[layer.name] = np.zeros(shape, np.float32)
-            if samples > 1 and layer.effect:
-                self.squares[layer.name] = np.zeros(shape, np.float32)
-        except MemoryError as error:
-            raise StrataError(f"not enough memory for layer '{layer.name}': {error}") from error
+    def add(self, take: Take, chunk: Chunk, tile: np.ndarray, weight: np.ndarray | None) -> None:
+        """One sample of a tile."""
+        if take.name not in self.films:
+            shape = (chunk.height, *tile.shape[1:])
+            has_spread = take.has_spread and chunk.samples > 1
+            self.films[take.name] = Film(take.name, shape, take.reduce, has_spread)
+        self.films[take.name].add(chunk, tile, weight)
 
-    def add(self, layer: PlannedLayer, rows: slice, tile: np.ndarray) -> None:
-        """One sample of some rows."""
-        self.images[layer.name][rows] += tile
-        if layer.name in self.squares:
-            with np.errstate(over="ignore"):  # squares of what is just finite; `finish` holds them
-                self.squares[layer.name][rows] += tile * tile
+    def finish(self, take: Take, samples: int) -> None:
+        """All samples are there. A film's spread is as large as the image; of it one number stays."""
+        film = self.films.pop(take.name)
+        if take.has_spread:
+            spread = film.spread()
+            self.antialiasing[take.name] = None if spread is None else antialiasing_error(spread, samples)
+        self.images[take.name] = film.finished()
 
-    def finish(self, layer: PlannedLayer, samples: int) -> None:
-        """All samples are there: sums become means. Squares are as large as the image; of them one number
-        stays."""
-        image, spread = self.images[layer.name], self.squares.pop(layer.name, None)
-        if samples > 1:
-            image /= np.float32(samples)
-        if layer.effect:
-            self.antialiasing[layer.name] = None
-        if spread is not None:
-            spread /= np.float32(samples)
-            for mean, square in zip(image, spread, strict=True):  # row by row, which takes no memory
-                with np.errstate(over="ignore", invalid="ignore"):
-                    np.fmax(square - mean * mean, 0.0, out=square)
-                np.fmin(square, np.finfo(np.float32).max, out=square)
-            self.antialiasing[layer.name] = antialiasing_error(spread, samples)
+    def image(self, name: str) -> np.ndarray:
+        """A finished image, or what its samples so far make."""
+        return self.films[name].image() if name in self.films else self.images[name]
 
     def add_time(self, node: Node, device: str, seconds: float, runs: int = 1) -> None:
         timing = self.timings.setdefault((node.key, device), Timing(node, device))
@@ -80,7 +67,8 @@ class Execution:
         runs repeat."""
         keys = {node.key for node in nodes}
         return sum(
-            timing.seconds * (min(1.0, chunks / timing.runs) if chunks and timing.node.per_surface else 1.0)
+            timing.seconds
+            * (min(1.0, chunks / max(timing.runs, 1)) if chunks and timing.node.rate == Rate.SAMPLE else 1.0)
             for timing in self.timings.values()
             if timing.node.key in keys
         )

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections import Counter, OrderedDict
-from collections.abc import Callable, Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -13,9 +13,12 @@ import numpy as np
 from .device import Device
 from .errors import Cancelled, StrataError
 from .execution import Execution
+from .film import Take, takes_of
 from .free_memory import check_room
-from .graph import Graph, Node, PlannedLayer
+from .graph import Graph, Node, PlannedLayer, Rate
+from .kept import Framed, Kept, Passing
 from .outline import Outline
+from .reach import margins_of, reach_of
 from .sampling import Sampling
 from .surface import Chunk
 
@@ -31,14 +34,16 @@ class Collector(Protocol):
 
 @dataclass
 class _Context:
-    """What the nodes being run belong to. `passing` holds values at the surface of `chunk`; None: a frame's,
-    which outlive it."""
+    """What the nodes being run belong to. `store`: where their values at the surface of `chunk` are;
+    `margins`: how far around it they are wanted; `images`: finished ones, by node, while steps read them."""
 
     graph: Graph | None = None
     chunk: Chunk | None = None
-    passing: dict[tuple, Any] | None = field(default_factory=dict)
+    store: Passing | Framed | None = None
     epoch: int = 0
     execution: Execution = field(default_factory=Execution)
+    margins: dict[Node, tuple[int, ...]] = field(default_factory=dict)
+    images: dict[Node, np.ndarray] | None = None
 
 
 class Executor:
@@ -66,17 +71,13 @@ class Executor:
     ):
         self.primary = primary
         self.fallback = fallback
-        self.kept_values = kept_values
         self.keeps_inputs = keeps_inputs
-        self.kept_surface_bytes = kept_surface_bytes
-        self.kept_bytes = kept_bytes
         self.outline: Outline | None = None
-        self._sizes: dict[str, int] = {}  # of kept values that have any, by node
-        self._kept: OrderedDict[tuple[str, str], Any] = OrderedDict()
-        self._framed: OrderedDict[tuple, Any] = OrderedDict()
-        self._framed_bytes: dict[tuple, tuple[int, int]] = {}  # bytes, and the epoch that used it last
+        self._devices = {device.name: device for device in (fallback, primary)}.values()
+        self.kept = Kept(self._devices, kept_values, kept_bytes)
+        self._framed = Framed(kept_surface_bytes)
         self._broken: dict[tuple[str, str], str] = {}
-        self._now = _Context()
+        self._now = _Context(store=Passing(self._devices))
 
     @property
     def execution(self) -> Execution:
@@ -94,21 +95,24 @@ class Executor:
         """A generator of the share done so far, one value a node; `self.execution` holds the result at its
         end. `execution` goes on with an earlier run's. `sampled` is called after each sample of a tile.
         Raises Cancelled when the flag of either device is set."""
-        context = self._now = _Context(graph, execution=execution or Execution())
+        passing = Passing(self._devices)
+        context = _Context(graph, store=passing, execution=execution or Execution())
+        self._go_on(context)
         if not graph.layers:
             return
-        nodes = graph.nodes()
-        scene_nodes = [node for node in nodes if not node.per_surface]
-        surface_nodes = [node for node in nodes if node.per_surface]
-        spent = _last_uses(graph, surface_nodes)
-        total = len(scene_nodes) + len(surface_nodes) * sampling.chunk_count
+        nodes, takes = graph.nodes(), takes_of(graph)
+        context.margins = margins_of(graph, takes)
+        at = {rate: [node for node in nodes if node.rate == rate] for rate in Rate}
+        taken = _taken_after(at[Rate.SAMPLE], takes)
+        spent = _last_uses(graph, at[Rate.SAMPLE], taken)
+        total = len(at[Rate.SCENE]) + len(at[Rate.SAMPLE]) * sampling.chunk_count + len(at[Rate.PICTURE])
         readers = Counter(item.key for node in nodes for item in node.inputs)
         done = 0
         try:
-            for node in scene_nodes:
+            for node in at[Rate.SCENE]:
                 # A node that only the other device's nodes read is made there, when they ask for it.
                 if node.step.twin(self.primary.name) or self.primary is self.fallback:
-                    self._now = context
+                    self._go_on(context)
                     self.value(node, self.primary)
                     self._free_inputs(node, readers)
                 done += 1
@@ -117,75 +121,118 @@ class Executor:
                 context.chunk = chunk
                 collected: dict[str, np.ndarray] = {}
                 watching = collector is not None and chunk.sample == 0
-                for node in surface_nodes:
-                    self._now = context
-                    self.value(node, self._home(node))
-                    for layer in graph.layers:
-                        if layer.node == node:
-                            tile = self._collect(layer, sampling, chunk)
-                            if watching:
-                                collected[layer.name] = tile
-                    self._forget(context, spent.get(node, ()))
+                for node in at[Rate.SAMPLE]:
+                    self._go_on(context)
+                    self._make(node)
+                    collected |= {take.name: self.collect(take, chunk) for take in taken.get(node, ())}
+                    passing.forget({each.key for each in spent.get(node, ())})
                     done += 1
                     yield done / total
-                self._now = context
+                self._go_on(context)
                 if watching:
                     device = self._home(graph.surface)
                     surface = device.to_host(self.value(graph.surface, device))
                     for _ in collector.add(chunk, surface, collected):
                         yield done / total
                         self._raise_if_cancelled()
-                        self._now = context
-                self._drop_passing(context)
+                        self._go_on(context)
+                passing.clear()
                 if chunk.y1 == sampling.height:
                     context.execution.samples = chunk.sample + 1
                 if sampled is not None:
                     sampled(chunk)
+            for take in takes:
+                if take.is_whole:
+                    context.execution.finish(take, sampling.samples)
+            for _ in self.develop(graph, takes, context.execution):
+                done += 1
+                yield done / total
+            for name in {take.name for take in takes} - {layer.name for layer in graph.layers}:
+                del context.execution.images[name]
         finally:
-            self._drop_passing(context)
+            passing.clear()
             self._trim()
-        for layer in graph.layers:
-            if layer.is_whole:
-                context.execution.finish(layer, sampling.samples)
 
     def frame(
         self, graph: Graph, chunk: Chunk, epoch: int = 0, execution: Execution | None = None
     ) -> Iterator[float]:
         """A generator as `run`, of one chunk: a preview's frame. Values at its surface are kept too, so that
-        the next frame of the same camera runs only what has changed. When it has ended, `layer_value` gives
-        the images, and `self.execution` tells what ran.
-
-        Frames of one `epoch` make one picture (its tiles and samples): where not all fits into
-        `kept_surface_bytes`, what older epochs used goes first, and then what was made last, since the next
-        picture asks for all of it in the same order. `execution` goes on counting an earlier one's nodes.
+        the next frame of the same camera runs only what has changed (Framed says what `epoch` is). When it
+        has ended, `layer_value` gives the images, and `self.execution` tells what ran; `execution` goes on
+        counting an earlier one's nodes. Steps on finished images run only where the chunk is one.
         """
-        context = self._now = _Context(graph, chunk, None, epoch, execution or Execution())
-        missing = self._missing(graph)
-        nodes = [node for node in graph.nodes() if node in missing]
+        takes = takes_of(graph)
+        margins = margins_of(graph, takes)
+        context = _Context(graph, chunk, self._framed, epoch, execution or Execution(), margins)
+        self._go_on(context)
+        roots = [node for take in takes for node in (take.node, take.weight) if node]
+        roots = [layer.node for layer in graph.layers] if chunk.is_picture else roots
+        missing = self._missing(roots)
+        nodes = [node for node in graph.nodes(roots) if node in missing]
         try:
             for done, node in enumerate(nodes, start=1):
-                self._now = context
-                if node.per_surface:
-                    self.value(node, self._home(node))
-                    self._trim_kept()
+                self._go_on(context)
+                if node.rate != Rate.SCENE:
+                    self._make(node)
+                    self.kept.trim()
                 elif node.step.twin(self.primary.name) or self.primary is self.fallback:
                     self.value(node, self.primary)
                 yield done / len(nodes)
         finally:
-            self._now = context
+            self._go_on(context)
             self._trim()
 
-    def _missing(self, graph: Graph) -> set[Node]:
+    def develop(self, graph: Graph, takes: Iterable[Take], execution: Execution) -> Iterator[None]:
+        """Runs the steps that read finished images, on those of `execution` or what its films hold so far,
+        and puts the layers that they make among its images. Yields after each."""
+        nodes = [node for node in graph.nodes() if node.rate == Rate.PICTURE]
+        if not nodes:
+            return
+        passing = Passing(self._devices)
+        images = {take.node: execution.image(take.name) for take in takes if take.is_whole}
+        context = _Context(graph, store=passing, execution=execution, images=images)
+        try:
+            for node in nodes:
+                self._go_on(context)
+                value = self.value(node, self._home(node))
+                for layer in graph.layers:
+                    if layer.node == node:
+                        execution.images[layer.name] = self._home(node).to_host(value)
+                yield
+        finally:
+            passing.clear()
+
+    def collect(self, take: Take, chunk: Chunk) -> np.ndarray:
+        """Adds a film's tile of the run or frame that worked last; returns the tile on the host."""
+        started = time.perf_counter()
+        device = self._home(take.node)
+        tile, weight = device.to_host(self.value(take.node, device)), None
+        if take.weight is not None:
+            weight = self._home(take.weight).to_host(self.value(take.weight, self._home(take.weight)))
+        self.execution.add(take, chunk, tile, weight)
+        self.execution.add_time(take.node, device.name, time.perf_counter() - started, runs=0)
+        return tile
+
+    def _go_on(self, context: _Context) -> None:
+        self._now = context
+        self._framed.epoch = context.epoch
+
+    def _make(self, node: Node) -> None:
+        """The node's values as far around the chunk as anybody wants them, while their inputs are there."""
+        for margin in self._now.margins.get(node, (0,)):
+            self.value(node, self._home(node), margin)
+
+    def _missing(self, roots: Iterable[Node]) -> set[Node]:
         """Nodes of a frame that are still to be made: not those whose every reader is there already."""
         missing: set[Node] = set()
-        queue = [layer.node for layer in graph.layers]
+        queue = list(roots)
         while queue:
             node = queue.pop()
-            store, key = self._place(node, self._home(node))
             if node in missing:
                 continue
-            if key in store:
-                self.value(node, self._home(node))  # it is in use
+            device, margins = self._home(node), self._now.margins.get(node, (0,))
+            if all(key in store for store, key in (self._place(node, device, m) for m in margins)):
+                self._make(node)  # it is in use
                 continue
             missing.add(node)
             queue.extend(node.inputs)
@@ -196,31 +243,41 @@ class Executor:
         device = self._home(layer.node)
         return device, self.value(layer.node, device)
 
-    def value(self, node: Node, device: Device) -> Any:
-        """The node's value on `device`, running or moving what that takes."""
-        store, key = self._place(node, device)
+    def value(self, node: Node, device: Device, margin: int = 0) -> Any:
+        """The node's value on `device`, running or moving what that takes; at the surface with so many pixels
+        around the chunk."""
+        store, key = self._place(node, device, margin)
         if key in store:
-            if store is self._kept:
-                self._kept.move_to_end(key)
-            elif store is self._framed:
-                self._framed_bytes[key] = self._framed_bytes[key][0], self._now.epoch
-            return store[key]
+            return store.get(key)
         self._raise_if_cancelled()
         # What can be copied is made once, where it is at home; what cannot is made again where it is wanted.
-        if self._usable(node, device) and (self._home(node) is device or not node.step.copyable):
-            value = self._run(node, device)
+        if node.rate == Rate.SAMPLE and self._now.images is not None:
+            value = device.from_host(self._now.images[node])
+        elif self._usable(node, device) and (self._home(node) is device or not node.step.copyable):
+            most = self._now.margins.get(node, (margin,))[0]
+            if margin < most and node.step.croppable:
+                whole = self.value(node, device, most)
+                value = self._timed(
+                    node, device, device.name, 0, lambda: device.cropped(whole, most - margin)
+                )
+            else:
+                value = self._run(node, device, margin)
         else:
             other = self.fallback if device is self.primary else self.primary
             if other is device or not self._usable(node, other):
                 raise RuntimeError(f"step '{node.step.name}' has no usable twin: {node.step.hole}")
-            source = self.value(node, other)
-            started = time.perf_counter()
-            value = device.from_host(other.to_host(source))
-            device.finish()
-            self._time(node, f"{other.name} to {device.name}", time.perf_counter() - started)
-        store[key] = value
-        if store is self._framed:
-            self._framed_bytes[key] = device.size_of(value), self._now.epoch
+            source = self.value(node, other, margin)
+            way = f"{other.name} to {device.name}"
+            value = self._timed(node, device, way, 1, lambda: device.from_host(other.to_host(source)))
+        store.put(key, value, device)
+        return value
+
+    def _timed(self, node: Node, device: Device, where: str, runs: int, work: Callable[[], Any]) -> Any:
+        """What `work` returns, a copy of the node's value."""
+        started = time.perf_counter()
+        value = work()
+        device.finish()
+        self.execution.add_time(node, where, time.perf_counter() - started, runs)
         return value
 
     def _raise_if_cancelled(self) -> None:
@@ -229,31 +286,23 @@ class Executor:
 
     def keep_only(self, *graphs: Graph) -> None:
         """Frees kept values that no node of these graphs has, such as the maps of where a light was."""
-        devices = {device.name: device for device in (self.primary, self.fallback)}
-        used = {node.key for graph in graphs for node in graph.nodes()}
-        self._sizes = {key: size for key, size in self._sizes.items() if key in used}
-        for name, key in [place for place in self._kept if place[1] not in used]:
-            devices[name].release(self._kept.pop((name, key)))
+        self.kept.keep_only({node.key for graph in graphs for node in graph.nodes()})
 
     def release(self) -> None:
         """Frees everything that was kept."""
         self._framed.clear()
-        self._framed_bytes.clear()
-        self._drop_passing(self._now)
-        self.kept_values, kept = 0, self.kept_values
-        self._trim()
-        self.kept_values = kept
+        if self._now.store is not None:
+            self._now.store.clear()
+        self.kept.keep_only(())
 
-    def _place(self, node: Node, device: Device) -> tuple[dict, tuple]:
+    def _place(self, node: Node, device: Device, margin: int) -> tuple[Kept | Passing | Framed, tuple]:
         """Where the node's value is kept, and under which key."""
-        if not node.per_surface:
-            return self._kept, (device.name, node.key)
+        if node.rate == Rate.SCENE:
+            return self.kept, (device.name, node.key)
         now = self._now
-        if now.passing is not None:
-            return now.passing, (device.name, node.key)
         # What the surface carries is the graph's to say, and no part of the node's key.
         attributes = now.graph.surface_attributes if node == now.graph.surface else None
-        return self._framed, (device.name, node.key, now.chunk, attributes)
+        return now.store, (device.name, node.key, now.chunk, margin, attributes)
 
     def _home(self, node: Node) -> Device:
         return self.primary if self._usable(node, self.primary) else self.fallback
@@ -263,16 +312,16 @@ class Executor:
         runs = node.step.twin(device.name) is not None and (device.name, node.step.name) not in self._broken
         return runs and all(item.step.copyable or self._usable(item, device) for item in node.inputs)
 
-    def _run(self, node: Node, device: Device) -> Any:
-        inputs = [self.value(item, device) for item in node.inputs]
+    def _run(self, node: Node, device: Device, margin: int) -> Any:
+        inputs = [self.value(item, device, margin + reach_of(node)) for item in node.inputs]
         if not self._usable(node, device):
-            return self._fallen_back(node, device)  # an input has just failed
-        graph, chunk = self._now.graph, self._now.chunk
+            return self._fallen_back(node, device, margin)  # an input has just failed
+        graph = self._now.graph
         extra: dict[str, Any] = {}
+        if node.step.rate == Rate.SAMPLE:
+            extra["chunk"] = self._now.chunk.grown(margin)
         if graph is not None and node == graph.surface:
-            extra = {"chunk": chunk, "attributes": graph.surface_attributes}
-        elif node.step.told_chunk:
-            extra = {"chunk": chunk}
+            extra["attributes"] = graph.surface_attributes
         size = node.step.bytes_of(node, self.outline) if node.step.bytes_of and self.outline else 0
         started = time.perf_counter()
         compiling = device.compile_seconds
@@ -292,93 +341,48 @@ class Executor:
             self.execution.warnings.append(
                 f"step '{node.step.name}' failed on {device.name} and ran on {self.fallback.name}: {error}"
             )
-            return self._fallen_back(node, device)
+            return self._fallen_back(node, device, margin)
         if size:
-            self._sizes[node.key] = size
+            self.kept.sizes[node.key] = size
         compiling = device.compile_seconds - compiling
-        self._time(node, device.name, time.perf_counter() - started - compiling)
+        self.execution.add_time(node, device.name, time.perf_counter() - started - compiling)
         return value
 
-    def _fallen_back(self, node: Node, device: Device) -> Any:
+    def _fallen_back(self, node: Node, device: Device, margin: int) -> Any:
         """The fallback's value for `device`; None where it cannot be moved: then what reads it runs there."""
-        value = self.value(node, self.fallback)
+        value = self.value(node, self.fallback, margin)
         return device.from_host(self.fallback.to_host(value)) if node.step.copyable else None
-
-    def _time(self, node: Node, device: str, seconds: float) -> None:
-        self.execution.add_time(node, device, seconds)
-
-    def _collect(self, layer: PlannedLayer, sampling: Sampling, chunk: Chunk) -> np.ndarray:
-        """Adds a layer's tile to its image; returns the tile on the host."""
-        started = time.perf_counter()
-        device = self._home(layer.node)
-        tile = device.to_host(self.value(layer.node, device))
-        self.execution.begin(layer, (sampling.height, *tile.shape[1:]), sampling.samples)
-        self.execution.add(layer, slice(chunk.y0, chunk.y1), tile)
-        self.execution.add_time(layer.node, device.name, time.perf_counter() - started, runs=0)
-        return tile
-
-    @staticmethod
-    def _forget(context: _Context, nodes: Iterable[Node]) -> None:
-        """Drops values at the surface. Not freed by force: a step may hand on what it was given, so that
-        another value shares it."""
-        keys = {node.key for node in nodes}
-        for place in [place for place in context.passing if place[1] in keys]:
-            del context.passing[place]
 
     def _free_inputs(self, node: Node, readers: Counter) -> None:
         """Frees what `node` was the last to read."""
         for item in node.inputs:
             readers[item.key] -= 1
             if readers[item.key] == 0 and not self.keeps_inputs:
-                for device in {self.primary, self.fallback}:
-                    value = self._kept.pop((device.name, item.key), None)
-                    if value is not None:
-                        device.release(value)
-
-    def _drop_passing(self, context: _Context) -> None:
-        devices = {device.name: device for device in (self.primary, self.fallback)}
-        for (name, _), value in (context.passing or {}).items():
-            devices[name].release(value)
-        if context.passing:
-            context.passing.clear()
-
-    def _trim_kept(self) -> None:
-        """Drops those values that were used longest ago and are too many. In a frame each lamp's maps are
-        read before the next lamp's are made; what is wanted again is made again."""
-        devices = {device.name: device for device in (self.primary, self.fallback)}
-        while len(self._kept) > self.kept_values:
-            (name, _), value = self._kept.popitem(last=False)
-            devices[name].release(value)
-        if self.kept_bytes is None:
-            return
-        excess = sum(self._sizes.get(key, 0) for _, key in self._kept) - self.kept_bytes
-        for name, key in [place for place in self._kept if place[1] in self._sizes]:
-            if excess <= 0:
-                break
-            excess -= self._sizes[key]
-            devices[name].release(self._kept.pop((name, key)))
+                self.kept.free(item.key)
 
     def _trim(self) -> None:
-        self._trim_kept()
-        excess = sum(size for size, _epoch in self._framed_bytes.values()) - self.kept_surface_bytes
-        if excess <= 0:
-            return
-        now = self._now.epoch
-        keys = list(self._framed)
-        older = [key for key in keys if self._framed_bytes[key][1] != now]
-        current = [key for key in keys if self._framed_bytes[key][1] == now]
-        for key in (*older, *reversed(current)):
-            if excess <= 0:
-                break
-            # Not freed by force: a step may hand on what it was given, so that another value shares it.
-            del self._framed[key]
-            excess -= self._framed_bytes.pop(key)[0]
+        self.kept.trim()
+        self._framed.trim()
 
 
-def _last_uses(graph: Graph, nodes: list[Node]) -> dict[Node, list[Node]]:
+def _taken_after(nodes: Sequence[Node], takes: Iterable[Take]) -> dict[Node, list[Take]]:
+    """What is taken once a node has run: the last of what the film is made of."""
+    order = {node: number for number, node in enumerate(nodes)}
+    taken: dict[Node, list[Take]] = {}
+    for take in takes:
+        parts = [node for node in (take.node, take.weight) if node in order]
+        if parts:
+            taken.setdefault(max(parts, key=order.__getitem__), []).append(take)
+    return taken
+
+
+def _last_uses(graph: Graph, nodes: Sequence[Node], taken: dict[Node, list[Take]]) -> dict[Node, list[Node]]:
     """Of nodes at the surface in their order: what no later one reads, by the last that does. The surface
     itself stays, for the collector."""
-    last = {item: node for node in nodes for item in (*node.inputs, node) if item.per_surface}
+    last: dict[Node, Node] = {}
+    for node in nodes:
+        read = (each for take in taken.get(node, ()) for each in (take.node, take.weight) if each)
+        last |= {item: node for item in (*node.inputs, node, *read) if item.rate == Rate.SAMPLE}
     spent: dict[Node, list[Node]] = {}
     for item, node in last.items():
         if item != graph.surface:

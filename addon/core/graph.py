@@ -6,6 +6,7 @@ import hashlib
 import marshal
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
+from enum import IntEnum
 from functools import lru_cache
 from typing import Any
 
@@ -16,6 +17,15 @@ from .outline import Outline
 from .params import Params
 from .roles import THE_IMAGE, Of, Role
 from .shot import Shot
+
+
+class Rate(IntEnum):
+    """How often a step runs: SCENE, once (maps, trees); SAMPLE, for every tile and sample (what reads shading
+    points); PICTURE, once on finished images (core/film.py)."""
+
+    SCENE = 0
+    SAMPLE = 1
+    PICTURE = 2
 
 
 @dataclass(frozen=True)
@@ -37,9 +47,15 @@ class Step:
 
     `cpu` and `gpu` are called as `twin(device, *inputs, **params)` and return the node's value. A missing
     twin is a hole, and `hole` says why; the executor then moves the node to the other device.
-    `per_surface`: it reads shading points, so it runs once for each tile and sample.
-    `told_chunk`: its twins get the tile and sample too, as `chunk` (core/surface.py).
+    `rate`: how often it runs, at least; more often where its inputs do. Twins of a step that is of SAMPLE
+    rate by itself get the pixels and the sample as `chunk` (core/surface.py); what only works on its inputs'
+    values needs neither. Inputs of a PICTURE step are finished images.
+    `reach`: how many pixels, rows and columns, it reads of its inputs beyond its own pixel, or what gives
+    that of a node. Its inputs then have so many more at each side than `chunk`, also beyond the image
+    (core/reach.py).
     `copyable`: its value can be moved between devices; if not, the step runs again where it is wanted.
+    `croppable`: its value is images (rows, columns[, channels]) of a pixel each; if not, it is made anew for
+    a reader that wants fewer pixels around the chunk.
     `bytes_of(node, outline)`: about how many bytes a node's value takes while it is kept, None where it is
     next to nothing or one tile's. `sum`: how it comes apart, None where it does not.
     `work_of(node)`: how many times as long as the least node of the step a run takes, None where all take
@@ -51,9 +67,10 @@ class Step:
     cpu: Callable | None = None
     gpu: Callable | None = None
     hole: str = ""
-    per_surface: bool = False
+    rate: Rate = Rate.SCENE
+    reach: int | Callable[[Node], int] = 0
     copyable: bool = True
-    told_chunk: bool = False
+    croppable: bool = True
     bytes_of: Callable[[Node, Outline], int] | None = None
     sum: Sum | None = None
     work_of: Callable[[Node], float] | None = None
@@ -105,7 +122,7 @@ class Node:
     inputs: tuple[Node, ...]
     params: dict[str, Any]
     key: str = field(init=False)
-    per_surface: bool = field(init=False)
+    rate: Rate = field(init=False)
 
     def __post_init__(self):
         digest = hashlib.blake2b(digest_size=16)
@@ -116,8 +133,8 @@ class Node:
         for node in self.inputs:
             digest.update(node.key.encode())
         object.__setattr__(self, "key", digest.hexdigest())
-        per_surface = self.step.per_surface or any(node.per_surface for node in self.inputs)
-        object.__setattr__(self, "per_surface", per_surface)
+        rate = max(self.step.rate, *(node.rate for node in self.inputs), Rate.SCENE)
+        object.__setattr__(self, "rate", rate)
 
     def __hash__(self):
         return hash(self.key)
@@ -141,7 +158,8 @@ class PlannedLayer:
     """An image that the graph makes. `name` is unique and safe for a file; `effect` is the effect's id, empty
     for a picture that is no baked layer; `params` are the effect's. `of`: the lamp that it is of, or what
     else, and `light` that lamp's own name; `casters` are the instances that can block its light into view.
-    `is_whole`: not so where other graphs' layers of that name are still to be added to it."""
+    `weight`: what its samples weigh in a WEIGHTED layer. `is_whole`: not so where other graphs' layers of
+    that name are still to be added to it."""
 
     name: str
     effect: str
@@ -151,6 +169,7 @@ class PlannedLayer:
     light: str = ""
     of: Of = THE_IMAGE
     casters: frozenset[int] = frozenset()
+    weight: Node | None = None
     is_whole: bool = True
 
     @property
@@ -181,7 +200,8 @@ class Graph:
     def nodes(self, roots: Iterable[Node] | None = None) -> tuple[Node, ...]:
         """Every node below `roots` (the layers', if None), inputs before users, each once."""
         order: dict[Node, None] = {}
-        roots = [layer.node for layer in self.layers] if roots is None else roots
+        if roots is None:
+            roots = [node for layer in self.layers for node in (layer.node, layer.weight) if node]
         for root in roots:
             for node in _depth_first(root, order):
                 order[node] = None

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .graph import Graph, Node, PlannedLayer
+from .graph import Graph, Node, PlannedLayer, Rate
 from .outline import Outline
 from .sampling import Sampling
 from .surface import ATTRIBUTES
@@ -185,8 +185,8 @@ class _Sizes:
         self._kept: dict[Node, int] = {}
         self._maps: dict[Node, frozenset[Node]] = {}
         nodes = graph.nodes()
-        self._read_at_surface = {item for node in nodes if node.per_surface for item in node.inputs}
-        for_all = [node for node in nodes if not node.per_surface and not node.instance]
+        self._read_at_surface = {item for node in nodes if node.rate != Rate.SCENE for item in node.inputs}
+        for_all = [node for node in nodes if node.rate == Rate.SCENE and not node.instance]
         kinds = [ATTRIBUTES[name] for name in graph.surface_attributes]
         surface = sum(np.dtype(kind).itemsize * channels for kind, channels in kinds)
         self.shared = sum(map(self.kept, for_all)) + surface * self._tile + KERNEL_BYTES
@@ -206,7 +206,7 @@ class _Sizes:
         """What some lamp's light needs below `node` that does not depend on the surface."""
         if node not in self._maps:
             below = self._graph.nodes([node])
-            self._maps[node] = frozenset(each for each in below if each.instance and not each.per_surface)
+            self._maps[node] = frozenset(each for each in below if each.instance and each.rate == Rate.SCENE)
         return self._maps[node]
 
     def image(self, layer: PlannedLayer) -> int:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from .execution import Execution
-from .graph import Graph, Node
+from .graph import Graph, Node, Rate
 
 MOST_SECONDS = 0.01, 50e-9  # of steps that do not say (Step.ordinary_seconds)
 
@@ -31,7 +31,7 @@ class Forecast:
         self._runs: dict[Node, int] = {}  # of each node, at the end
         for graph in graphs:
             for node in graph.nodes():
-                more = chunks if node.per_surface else int(node not in self._runs)
+                more = chunks if node.rate == Rate.SAMPLE else int(node not in self._runs)
                 self._runs[node] = self._runs.get(node, 0) + more
 
     def seconds_left(self) -> float:
@@ -82,13 +82,13 @@ class Forecast:
     def _unit(self, node: Node) -> float:
         """How much a run has to do, in what seconds are kept for."""
         work = node.step.work_of(node) if node.step.work_of else 1.0
-        return work * (self._pixels if node.per_surface else 1.0)
+        return work * (self._pixels if node.rate == Rate.SAMPLE else 1.0)
 
 
 def _kind(node: Node) -> tuple[str, bool]:
-    return node.step.name, node.per_surface
+    return node.step.name, node.rate == Rate.SAMPLE
 
 
 def _ordinary(node: Node) -> float:
     seconds = node.step.ordinary_seconds
-    return MOST_SECONDS[node.per_surface] if seconds is None else seconds
+    return MOST_SECONDS[node.rate == Rate.SAMPLE] if seconds is None else seconds

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,8 +23,10 @@ ATTRIBUTES = {
 
 @dataclass(frozen=True)
 class Chunk:
-    """Rows `y0` to `y1` (row 0 is the bottom) of a `width` x `height` image, with one jittered sample a
-    pixel: the point at the pixel's centre plus `jitter`, in pixels. `samples`: how many a pixel gets."""
+    """Rows `y0` to `y1` (row 0 is the bottom) and columns `x0` to `x1` (all, if None) of a `width` x `height`
+    image, with one jittered sample a pixel: the point at the pixel's centre plus `jitter`, in pixels.
+    `samples`: how many a pixel gets. Rows and columns may lie beyond the image: its neighbours are as any
+    other pixel's."""
 
     width: int
     height: int
@@ -33,6 +35,27 @@ class Chunk:
     sample: int
     jitter: tuple[float, float]
     samples: int = 1
+    x0: int = 0
+    x1: int | None = None
+
+    def __post_init__(self):
+        if self.x1 is None:
+            object.__setattr__(self, "x1", self.width)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.y1 - self.y0, self.x1 - self.x0
+
+    @property
+    def is_picture(self) -> bool:
+        """Whether it is all there is to the image: every pixel and sample."""
+        return self.shape == (self.height, self.width) and self.samples == 1
+
+    def grown(self, margin: int) -> Chunk:
+        """With so many more pixels at each side, also beyond the image."""
+        x0, x1 = self.x0 - margin, self.x1 + margin
+        return replace(self, y0=self.y0 - margin, y1=self.y1 + margin, x0=x0, x1=x1) if margin else self
 
 
 @dataclass(frozen=True)

@@ -150,6 +150,11 @@ class CpuDevice:
     def from_host(self, value: Any) -> Any:
         return value
 
+    def cropped(self, value: Any, margin: int) -> Any:
+        if isinstance(value, dict):
+            return {name: self.cropped(each, margin) for name, each in value.items()}
+        return np.ascontiguousarray(value[margin:-margin, margin:-margin])
+
     def size_of(self, value: Any) -> int:
         return bytes_of(value)
 

@@ -18,6 +18,7 @@ from ..core.arrays import Arrays, Placed, bytes_of
 from ..core.errors import Cancelled, DeviceUnavailable
 from ..core.outline import Outline
 from ..core.shader import Shader
+from .gpu_crop import cropped
 from .gpu_geometry import GpuGeometry
 from .gpu_image import TABLE_WIDTH, GpuImage, from_texels, stack_columns, texture_format, to_texels
 from .gpu_image import texture_size as size_of
@@ -161,6 +162,9 @@ class GpuDevice:
 
     def from_host(self, value: Any) -> Any:
         return self.upload(value) if isinstance(value, np.ndarray) else _mapped(value, self.from_host)
+
+    def cropped(self, value: Any, margin: int) -> Any:
+        return cropped(self, value, margin)
 
     def size_of(self, value: Any) -> int:
         return bytes_of(value)

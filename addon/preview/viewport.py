@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from ..bake import Options
+from ..core.effect import Reduce
 from ..core.execution import Execution
-from ..core.graph import Graph, PlannedLayer
+from ..core.film import Film, takes_of
+from ..core.graph import Graph, PlannedLayer, Rate
 from ..core.sampling import Sampling
 from ..core.surface import Chunk
 from ..scene.viewport import Placement
@@ -67,6 +69,13 @@ def layer_of(graph: Graph, name: str) -> PlannedLayer | None:
         if layer.name == name if name else not layer.effect and not layer.of.is_lamp:
             return layer
     return None
+
+
+def _noise(film: Film | None, samples: int, of_samples: int) -> float | None:
+    """Of the mean of the first samples; None of what is no mean."""
+    if film is None or film.reduce != Reduce.MEAN:
+        return None
+    return sampling_noise(film.total, film.squares, samples, of_samples)
 
 
 class Viewport:
@@ -169,7 +178,7 @@ class Viewport:
         statistics.noise = resolution_noise(value) if device.name == "cpu" else None
         costs = [0.0, 0.0]
         for timing in execution.timings.values():
-            costs[timing.node.per_surface] += 1e3 * timing.seconds
+            costs[timing.node.rate != Rate.SCENE] += 1e3 * timing.seconds
         self._costs.append(tuple(costs))
         self.budget.coarser(budget_ms, *costs)
 
@@ -219,18 +228,13 @@ class Viewport:
             is_progressive=True,
         )
         executor, epoch, execution = session.executor, next(_epochs), Execution()
-        total = squares = None
+        takes = [replace(take, has_spread=True) for take in takes_of(graph)]
         shown = started
         for chunk in sampling.chunks():
             for _share in executor.frame(graph, chunk, epoch, execution):
                 yield
-            device, value = executor.layer_value(layer)
-            tile = device.to_host(value)
-            if total is None:
-                shape = (sampling.height, *tile.shape[1:])
-                total, squares = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-            total[chunk.y0 : chunk.y1] += tile
-            squares[chunk.y0 : chunk.y1] += tile * tile
+            for take in takes:
+                executor.collect(take, chunk)
             samples = chunk.sample + 1
             # Blender's redraws cost as much as a sample: only for what can be seen to differ.
             is_worth = samples == options.samples or samples & (samples - 1) == 0
@@ -238,10 +242,12 @@ class Viewport:
             is_late = 0.0 < longest_s < time.perf_counter() - started
             if chunk.y1 == sampling.height and (is_worth or is_late):
                 shown = time.perf_counter()
-                self.picture = Picture(total / np.float32(samples), place, len(layer.channels) > 1)
+                for _ in executor.develop(graph, takes, execution):
+                    yield
+                self.picture = Picture(execution.image(layer.name), place, len(layer.channels) > 1)
                 self._count(execution, started)
                 self.statistics.samples, self.statistics.of_samples = samples, options.samples
-                self.statistics.noise = sampling_noise(total, squares, samples, options.samples)
+                self.statistics.noise = _noise(execution.films.get(layer.name), samples, options.samples)
                 self.statistics.is_converged = samples == options.samples
                 if is_late and samples < options.samples:
                     self.statistics.is_out_of_time = True

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from strata.addon.bake import Options, bake
 from strata.addon.core.errors import StrataError
-from strata.addon.core.execution import Execution
 from strata.addon.core.executor import Executor, drain
+from strata.addon.core.film import Film
 from strata.addon.core.graph import Node, Step
 from strata.addon.core.memory import MEBIBYTE, MemoryEstimate, in_groups
 from strata.addon.core.sampling import Sampling
@@ -180,7 +180,7 @@ def test_no_room_is_one_line_that_names_what_was_made():
         drain(Executor(device, device).run(depth_graph(outline, step=huge), Sampling(*SHOT.size)))
     layer = depth_graph(outline).layers[0]
     with pytest.raises(StrataError, match=r"not enough memory for layer 'Depth': .*4.00 PiB"):
-        Execution().begin(layer, (1 << 30, 1 << 20), 1)
+        Film(layer.name, (1 << 30, 1 << 20))
 
 
 CRAMPED = """
@@ -238,7 +238,7 @@ def test_a_frame_keeps_no_more_maps_than_it_may():
         )
         held = []
         for _ in executor.frame(replace(graph, layers=layers), next(Sampling(*SHOT.size).chunks())):
-            sizes = [executor._sizes.get(key, 0) for _, key in executor._kept]
+            sizes = [executor.kept.sizes.get(key, 0) for _, key in executor.kept._values]
             held.append(sum(size for size in sizes if size == 100))
         most.append(max(held))
         values = [executor.layer_value(layer)[1] for layer in layers]

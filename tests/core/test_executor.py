@@ -53,7 +53,7 @@ def test_a_layer_is_the_mean_of_its_samples(scene):
     drain(executor.run(graph, Sampling(*SIZE, 4, PixelFilter("BOX", 0.5))))
     mean = executor.execution.images["Depth"]
     assert executor.execution.antialiasing["Depth"] > 0.0
-    assert not executor.execution.squares  # they are as large as the image
+    assert not executor.execution.films  # they are as large as the image
     # Perspective depth of a plane is not linear in the pixel, but nearly so: offsets are centred.
     drain(executor.run(graph, Sampling(*SIZE, 1)))
     centre = executor.execution.images["Depth"]

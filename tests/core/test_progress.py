@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 from strata.addon.core import progress
 from strata.addon.core.execution import Execution
-from strata.addon.core.graph import Graph, Node, PlannedLayer, Step
+from strata.addon.core.graph import Graph, Node, PlannedLayer, Rate, Step
 from strata.addon.core.progress import Forecast
 from strata.addon.core.slices import finished
 from strata.addon.effects.shared.lit import LIT
@@ -21,8 +21,8 @@ def bake(monkeypatch):
     """Three lamps, each with a map that is made once and a node at the surface."""
     monkeypatch.setattr(progress, "_learnt", {})
     maps = [Node(Step("map"), str(lamp), (), {"lamp": lamp}) for lamp in range(3)]
-    surface = Node(Step("surface", per_surface=True), "", (), {})
-    shades = [Node(Step("shade", per_surface=True), "", (surface, each), {}) for each in maps]
+    surface = Node(Step("surface", rate=Rate.SAMPLE), "", (), {})
+    shades = [Node(Step("shade", rate=Rate.SAMPLE), "", (surface, each), {}) for each in maps]
     layers = tuple(PlannedLayer(f"Layer {k}", "", shade, LIT) for k, shade in enumerate(shades))
     graph = Graph(layers, (), surface, frozenset(), frozenset())
     order = [(node, MAP_SECONDS) for node in maps]
@@ -106,7 +106,7 @@ def test_what_the_pilots_say_of_a_layer_is_believed():
 
 def test_what_has_more_to_do_takes_as_many_times_as_long(monkeypatch):
     monkeypatch.setattr(progress, "_learnt", {})
-    fog = Step("fog", per_surface=True, work_of=lambda node: node.params["points"])
+    fog = Step("fog", rate=Rate.SAMPLE, work_of=lambda node: node.params["points"])
     small, large = (Node(fog, str(points), (), {"points": points}) for points in (1, 28))
     layers = tuple(PlannedLayer(f"Layer {node.instance}", "", node, LIT) for node in (small, large))
     graph = Graph(layers, (), None, frozenset(), frozenset())

@@ -204,3 +204,15 @@ def test_switching_off_frees_every_gpu_object():
         again = LAYERED_DEPTH.gpu(device, device.geometry(), view, frozenset({0}), 2, 16, 16)
         assert np.isfinite(device.to_host(again)).any()
         device.release([held, depths, again])
+
+
+CROPPED = [((9, 12), np.int32), *(((9, 12, *more), np.float32) for more in ((), (2,), (3,), (4,)))]
+
+
+@pytest.mark.parametrize(("shape", "dtype"), CROPPED)
+def test_an_image_is_cropped_at_each_side(shape, dtype):
+    device = gpu_device()
+    image = np.random.default_rng(1).integers(-99, 99, shape).astype(dtype)
+    found = device.to_host(device.cropped({"image": device.from_host(image)}, 2))["image"]
+    assert found.dtype == dtype
+    assert np.array_equal(found, image[2:-2, 2:-2])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.culling import drawn_from
-from ...core.graph import Node, Step
+from ...core.graph import Node, Rate, Step
 from ...core.outline import Outline
 from ...core.recorder import Recorder
 from ...core.shot import Shot
@@ -25,6 +25,7 @@ def _surface(device, geometry, view, visible, chunk, attributes):
         chunk.width,
         chunk.height,
         rows=(chunk.y0, chunk.y1),
+        columns=(chunk.x0, chunk.x1),
         jitter=chunk.jitter,
         attributes=sorted(attributes),
         cancel=device.cancel_flag,
@@ -72,7 +73,7 @@ def depth_bytes(node: Node, outline: Outline) -> int:
 # The scene's meshes and instances, on the device.
 GEOMETRY = Step("geometry", cpu=_geometry, gpu=gpu_steps.geometry, copyable=False, bytes_of=_geometry_bytes)
 # Shading points of one tile and sample: a dict of attribute arrays (core/surface.py).
-SURFACE = Step("surface", cpu=_surface, gpu=gpu_steps.surface, per_surface=True, ordinary_seconds=200e-9)
+SURFACE = Step("surface", cpu=_surface, gpu=gpu_steps.surface, rate=Rate.SAMPLE, ordinary_seconds=200e-9)
 # The nearest `layers` depths along each texel's ray, ascending, by single-pass k-buffer (thesis 4.3).
 LAYERED_DEPTH = Step(
     "layered_depth",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.graph import Node, Step
+from ...core.graph import Node, Rate, Step
 from ...core.outline import Outline
 from ...core.random import hash_bits
 from ..shared.membership import belong
@@ -111,7 +111,7 @@ BACKPROJECT = Step(
 # Where in a map's window to doubt it for what stands beside the window, close to the light.
 BESIDE = Step("soft_shadow/beside", cpu=_beside, hole="a table of a thousand entries")
 # Rays for the points that the map is unsure of.
-RAYS = Step("soft_shadow/rays", cpu=_rays, hole="rays live on the CPU only", told_chunk=True)
+RAYS = Step("soft_shadow/rays", cpu=_rays, hole="rays live on the CPU only", rate=Rate.SAMPLE)
 VISIBILITY = Step("soft_shadow/visibility", cpu=_visibility, gpu=gpu_steps.visibility, ordinary_seconds=1e-9)
 # Instances that the light does not light stay as they are (light linking).
 RECEIVERS = Step("soft_shadow/receivers", cpu=_receivers, gpu=gpu_steps.receivers)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.arrays import Arrays, Cutout, Placed, separate_triangles
 from ...core.device import Device
-from ...core.graph import Step
+from ...core.graph import Rate, Step
 from ...core.view import View
 from ..shared.membership import belong
 from . import gpu_steps
@@ -166,6 +166,7 @@ def _outline(device, surface, hull, *lines, view: View, colours, chunk):
         chunk.height,
         surface["depth"],
         rows=(chunk.y0, chunk.y1),
+        columns=(chunk.x0, chunk.x1),
         jitter=chunk.jitter,
         cancel=device.cancel_flag,
     )
@@ -218,13 +219,13 @@ UNLIT = Step("toon/unlit", cpu=_unlit, gpu=gpu_steps.unlit)
 # The ramp's colour over the material's, then rim and emission.
 SHADE = Step("toon/shade", cpu=_shade, gpu=gpu_steps.shade)
 # Paper between the dots.
-HALFTONE = Step("toon/halftone", cpu=_halftone, gpu=gpu_steps.halftone, told_chunk=True)
+HALFTONE = Step("toon/halftone", cpu=_halftone, gpu=gpu_steps.halftone, rate=Rate.SAMPLE)
 # No dots on what is excluded.
 SPARE = Step("toon/spare", cpu=_spare, gpu=gpu_steps.spare)
 # What faces away of every outlined surface, moved out by the line's width.
 HULL = Step("toon/hull", cpu=_hull, hole="which faces touch is found once a frame, on the CPU")
 HULL_GEOMETRY = Step("toon/hull_geometry", cpu=_hull_geometry, gpu=_hull_geometry, copyable=False)
 # Ink where the hull lies before every surface.
-OUTLINE = Step("toon/outline", cpu=_outline, gpu=gpu_steps.outline, told_chunk=True)
+OUTLINE = Step("toon/outline", cpu=_outline, gpu=gpu_steps.outline, rate=Rate.SAMPLE)
 # Lines between objects, materials and faces.
-LINES = Step("toon/lines", cpu=_lines, gpu=gpu_steps.lines, per_surface=True, told_chunk=True)
+LINES = Step("toon/lines", cpu=_lines, gpu=gpu_steps.lines, rate=Rate.SAMPLE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.graph import Node, Step
+from ...core.graph import Node, Rate, Step
 from ...core.medium import Medium
 from ...core.outline import Outline
 from ...core.surface import Chunk
@@ -150,10 +150,10 @@ MEDIUM_MAP = Step(
     ordinary_seconds=0.011,
 )
 # A bounded medium's entries and exits along the camera's rays.
-SPANS = Step("volumetric_light/spans", cpu=_spans, gpu=gpu_steps.spans, per_surface=True, told_chunk=True)
+SPANS = Step("volumetric_light/spans", cpu=_spans, gpu=gpu_steps.spans, rate=Rate.SAMPLE)
 # Light of one source of a light, scattered once towards the eye (source, eq. 2.2) in a medium without end.
 AIRLIGHT = Step(
-    "volumetric_light/airlight", cpu=_airlight, gpu=gpu_steps.airlight, told_chunk=True, work_of=_work
+    "volumetric_light/airlight", cpu=_airlight, gpu=gpu_steps.airlight, rate=Rate.SAMPLE, work_of=_work
 )
 # The same in a medium that fills meshes.
 BOUNDED = Step(
@@ -161,7 +161,7 @@ BOUNDED = Step(
     cpu=_bounded,
     gpu=gpu_steps.bounded_airlight,
     ordinary_seconds=450e-9,
-    told_chunk=True,
+    rate=Rate.SAMPLE,
     work_of=_work,
 )
 # The same by the source's table of the antiderivative (source, listings 2.3 and 2.4).
@@ -169,14 +169,14 @@ BY_TABLE = Step(
     "volumetric_light/airlight_by_table",
     cpu=_by_table,
     gpu=gpu_steps.airlight_by_table,
-    told_chunk=True,
+    rate=Rate.SAMPLE,
     work_of=_work,
 )
 # All sources of a light together, at every pixel.
-SCATTERED = Step("volumetric_light/scattered", cpu=_scattered, gpu=gpu_steps.scattered, told_chunk=True)
+SCATTERED = Step("volumetric_light/scattered", cpu=_scattered, gpu=gpu_steps.scattered, rate=Rate.SAMPLE)
 # What gets through the medium from a surface to the eye.
 TRANSMITTANCE = Step(
-    "volumetric_light/transmittance", cpu=_transmittance, gpu=gpu_steps.transmittance, told_chunk=True
+    "volumetric_light/transmittance", cpu=_transmittance, gpu=gpu_steps.transmittance, rate=Rate.SAMPLE
 )
 # The same in a medium that fills meshes.
 BOUNDED_TRANSMITTANCE = Step(
@@ -184,5 +184,5 @@ BOUNDED_TRANSMITTANCE = Step(
     cpu=_bounded_transmittance,
     gpu=gpu_steps.bounded_transmittance,
     ordinary_seconds=100e-9,
-    told_chunk=True,
+    rate=Rate.SAMPLE,
 )

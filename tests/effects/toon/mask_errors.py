@@ -52,11 +52,12 @@ def edge_errors(read, samples: list[int]) -> dict[tuple[str, int], EdgeError]:
 class _Watched(Execution):
     """Keeps `deviation`, by layer: each pixel's mean squared deviation of its samples from their mean."""
 
-    def finish(self, layer, samples):
-        squares = self.squares[layer.name].copy() if samples > 1 else None
-        super().finish(layer, samples)
+    def finish(self, take, samples):
+        squares = self.films[take.name].squares
+        squares = None if squares is None else squares.copy()
+        super().finish(take, samples)
         if squares is not None:
-            self.deviation[layer.name] = squares / samples - self.images[layer.name] ** 2
+            self.deviation[take.name] = squares / samples - self.images[take.name] ** 2
 
 
 def _execution(read, samples: int) -> Execution:

@@ -1,0 +1,33 @@
+"""How far around a tile its nodes are worked out, so that no result depends on where tiles begin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from .film import Take
+from .graph import Graph, Node, Rate
+
+
+def reach_of(node: Node) -> int:
+    """How many pixels, rows and columns, the node's step reads of its inputs beyond its own pixel."""
+    reach = node.step.reach
+    return reach if isinstance(reach, int) else reach(node)
+
+
+def margins_of(graph: Graph, takes: Iterable[Take]) -> dict[Node, tuple[int, ...]]:
+    """Of each node made sample by sample, how many pixels around a tile are wanted of it: the most first, and
+    what each of its readers wants. Films want no more than the tile; a reader wants as much as is wanted of
+    itself and its reach."""
+    wanted: dict[Node, set[int]] = {}
+    for take in takes:
+        wanted.setdefault(take.node, set()).add(0)
+        if take.weight is not None:
+            wanted.setdefault(take.weight, set()).add(0)
+    if graph.surface is not None:
+        wanted.setdefault(graph.surface, set()).add(0)  # a collector's
+    for node in reversed(graph.nodes()):
+        reach = reach_of(node)
+        for item in node.inputs:
+            if item.rate == node.rate == Rate.SAMPLE:
+                wanted.setdefault(item, set()).update(margin + reach for margin in wanted[node])
+    return {node: tuple(sorted(margins, reverse=True)) for node, margins in wanted.items()}

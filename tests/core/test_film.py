@@ -1,0 +1,155 @@
+"""Films: what a pixel's samples become, and steps that work on finished images."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from strata.addon.core.effect import LayerKind, Reduce
+from strata.addon.core.executor import Executor, drain
+from strata.addon.core.film import Film, takes_of
+from strata.addon.core.graph import Node, PlannedLayer, Rate, Step
+from strata.addon.core.sampling import Sampling
+from strata.addon.core.shot import PixelFilter
+from strata.addon.core.surface import Chunk
+from strata.addon.devices.cpu import CpuDevice
+
+from .test_executor import SIZE, depth_graph, tilted_quad_scene
+
+BOX = PixelFilter("BOX", 0.5)
+TILES = [None, SIZE[0] * 5, SIZE[0]]
+
+
+def fed(film: Film, samples: list, weights: list | None = None) -> Film:
+    """One row of pixels, sample by sample."""
+    for number, values in enumerate(samples):
+        chunk = Chunk(len(values), 1, 0, 1, number, (0.0, 0.0), len(samples))
+        weight = None if weights is None else np.array([weights[number]], np.float32)
+        film.add(chunk, np.array([values], np.float32), weight)
+    return film
+
+
+def test_a_mean_of_samples_and_their_spread():
+    film = fed(Film("a", (1, 2), has_spread=True), [(1.0, 5.0), (3.0, 5.0)])
+    assert film.image().tolist() == [[2.0, 5.0]]
+    assert film.spread().tolist() == [[1.0, 0.0]]
+    assert film.finished().tolist() == [[2.0, 5.0]]
+
+
+def test_a_weighted_mean_is_a_ratio_of_sums_and_plain_where_nothing_weighs():
+    film = Film("a", (1, 3), Reduce.WEIGHTED)
+    fed(film, [(1.0, 1.0, 1.0), (0.0, 0.0, 0.0)], [(3.0, 0.0, 0.0), (1.0, 2.0, 0.0)])
+    assert film.image().tolist() == [[0.75, 0.0, 0.5]]
+    assert film.finished().tolist() == [[0.75, 0.0, 0.5]]
+
+
+def test_a_weight_counts_for_every_channel():
+    film = Film("a", (1, 1, 2), Reduce.WEIGHTED)
+    fed(film, [[(1.0, 2.0)], [(5.0, 6.0)]], [(3.0,), (1.0,)])
+    assert film.finished().tolist() == [[[2.0, 3.0]]]
+
+
+def test_ids_have_no_mean():
+    film = fed(Film("a", (1, 2), Reduce.FIRST), [(7.0, -1.0), (9.0, 4.0)])
+    assert film.finished().tolist() == [[7.0, -1.0]]
+
+
+def test_terms_of_a_sum_are_added_under_their_own_samples():
+    film = fed(Film("a", (1, 1)), [(1.0,), (3.0,)])
+    assert film.image().tolist() == [[2.0]]
+    assert fed(film, [(10.0,), (30.0,)]).finished().tolist() == [[22.0]]
+
+
+@pytest.fixture
+def scene():
+    outline, arrays = tilted_quad_scene()
+    device = CpuDevice()
+    device.set_scene(outline, arrays)
+    return outline, device
+
+
+def images(graph, device, samples: int, tile_pixels: int | None = None) -> dict[str, np.ndarray]:
+    executor = Executor(device, device)
+    drain(executor.run(graph, Sampling(*SIZE, samples, BOX, tile_pixels)))
+    assert not executor.execution.films
+    return executor.execution.images
+
+
+def layer_of(node: Node, name: str, **more) -> PlannedLayer:
+    return PlannedLayer(
+        name, "test", node, LayerKind(name, "V", reduce=more.pop("reduce", Reduce.MEAN)), **more
+    )
+
+
+SQUARED = Step("squared", cpu=lambda device, image: image * image, rate=Rate.PICTURE)
+FLIPPED = Step(
+    "flipped", cpu=lambda device, *images: np.ascontiguousarray(images[0][::-1]), rate=Rate.PICTURE
+)
+
+
+@pytest.mark.parametrize("tile_pixels", TILES)
+@pytest.mark.parametrize("is_layer", [True, False])
+def test_a_step_on_finished_images_runs_once_on_the_mean(scene, tile_pixels, is_layer):
+    outline, device = scene
+    graph = depth_graph(outline)
+    depth = graph.layers[0]
+    squared = Node(SQUARED, "", (depth.node,), {})
+    flipped = Node(FLIPPED, "", (squared,), {})
+    layers = (*([depth] if is_layer else []), layer_of(squared, "Squared"), layer_of(flipped, "Flipped"))
+    found = images(replace(graph, layers=layers), device, 3, tile_pixels)
+    mean = images(graph, device, 3)["Depth"]
+    assert set(found) == {layer.name for layer in layers}
+    assert np.array_equal(found["Squared"], mean * mean)  # a mean of squares would be larger
+    assert np.array_equal(found["Flipped"], (mean * mean)[::-1])
+
+
+def test_only_what_a_finished_image_is_read_of_gets_a_film_of_its_own(scene):
+    outline, _ = scene
+    graph = depth_graph(outline)
+    squared = Node(SQUARED, "", (graph.layers[0].node,), {})
+    both = replace(graph, layers=(*graph.layers, layer_of(squared, "Squared")))
+    assert [take.name for take in takes_of(both)] == ["Depth"]
+    alone = replace(graph, layers=both.layers[1:])
+    assert [take.name for take in takes_of(alone)] == [graph.layers[0].node.key]
+    assert squared.rate == Rate.PICTURE
+
+
+@pytest.mark.parametrize("tile_pixels", TILES)
+def test_a_weighted_layer_is_weighed_by_its_node(scene, tile_pixels):
+    outline, device = scene
+    graph = depth_graph(outline)
+    depth = graph.layers[0].node
+    middle = np.float32(np.median(images(graph, device, 1)["Depth"]))
+    near = Node(Step("near", cpu=lambda device, depth: np.float32(1.0) * (depth < middle)), "", (depth,), {})
+    product = Node(Step("product", cpu=lambda device, a, b: a * b), "", (depth, near), {})
+    weighted = layer_of(depth, "Weighted", reduce=Reduce.WEIGHTED, weight=near)
+    layers = (weighted, *(layer_of(node, node.step.name) for node in (near, product)), graph.layers[0])
+    found = images(replace(graph, layers=layers), device, 4, tile_pixels)
+    with np.errstate(invalid="ignore"):
+        expected = np.where(found["near"] > 0.0, found["product"] / found["near"], found["Depth"])
+    assert 0.0 < (found["near"] > 0.0).mean() < 1.0
+    assert np.allclose(found["Weighted"], expected, rtol=1e-6)  # sums and means round apart
+
+
+def test_a_preview_develops_what_it_has_so_far(scene):
+    outline, device = scene
+    graph = depth_graph(outline)
+    squared = Node(SQUARED, "", (graph.layers[0].node,), {})
+    graph = replace(graph, layers=(layer_of(squared, "Squared"),))
+    executor = Executor(device, device)
+    sampling = Sampling(*SIZE, 3, BOX, SIZE[0] * 5, is_progressive=True)
+    execution, takes = None, takes_of(graph)
+    for chunk in sampling.chunks():
+        drain(executor.frame(graph, chunk, 1, execution))
+        execution = executor.execution
+        for take in takes:
+            executor.collect(take, chunk)
+        if chunk.y1 == SIZE[1]:
+            for _ in executor.develop(graph, takes, execution):
+                pass
+            fewer = images(graph, device, 3)["Squared"] if chunk.sample == 2 else None
+    assert np.array_equal(execution.images["Squared"], fewer)
+    whole = next(Sampling(*SIZE).chunks())
+    drain(executor.frame(graph, whole, 2))
+    assert np.array_equal(executor.layer_value(graph.layers[0])[1], images(graph, device, 1)["Squared"])
