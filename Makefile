@@ -9,7 +9,7 @@ FIND_PYTHON := for p in python3.13 $$(ls -d $${PYENV_ROOT:-$$HOME/.pyenv}/versio
 export RUSTFLAGS := $(RUSTFLAGS) --remap-path-prefix=$(CURDIR)=strata --remap-path-prefix=$(or $(CARGO_HOME),$(HOME)/.cargo)=cargo \
 	--remap-path-prefix=$(or $(RUSTUP_HOME),$(HOME)/.rustup)=rustup
 
-.PHONY: setup demo test test-interface lint bench docs extension clean
+.PHONY: setup demo test test-unit test-devices test-window test-interface lint bench docs extension clean
 
 setup: $(VENV)/.kernels docs
 
@@ -31,6 +31,16 @@ demo: setup
 
 test: setup
 	$(PYTHON) -m pytest
+
+# The same in parts, as CI runs it.
+test-unit: setup
+	$(PYTHON) -m pytest $(addprefix tests/,core kernels measure scene layers ui preview ops scripts)
+
+test-devices: setup
+	$(PYTHON) -m pytest $(addprefix tests/,devices effects bake engine)
+
+test-window: setup
+	$(PYTHON) -m pytest $(addprefix tests/,cycles window)
 
 # In a Blender window under Xvfb: make test-interface BLENDER=/path/to/blender; photographs in out/interface.
 test-interface: setup

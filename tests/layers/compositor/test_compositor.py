@@ -323,7 +323,7 @@ def test_the_picture_is_what_cycles_renders_with_its_own_shadows(roofs, tmp_path
     image = composited(scene, tmp_path)
     assert {group.name for group in bpy.context.view_layer.lightgroups} == {"Area", "Point", "Sun"}
     bright = truth[:, :, :3].mean()
-    # Beyond the noise, what a shadow of default settings may be off (test_cycles.py, LAYER_RMSE). Measured:
+    # Beyond the noise, what a shadow of default settings may be off (LAYER_RMSE in tests/cycles). Measured:
     # 0, .008 and .020, the last for light that bounces, which is shadowed like what comes straight.
     assert max(rms(image - truth) ** 2 - noise**2, 0.0) ** 0.5 < 0.03 * bright
     assert abs((image - truth)[:, :, :3].mean()) < 0.01 * bright
