@@ -152,6 +152,14 @@ def test_nothing_changes_the_module_path():
         assert "sys.path" not in (ROOT / path).read_text(encoding="utf-8"), path
 
 
+def test_tests_and_scripts_are_imported_as_parts_of_the_package():
+    """Only the kernels are given to a Blender that has none by a folder in the module path."""
+    files = [path for folder in ("tests", "scripts") for path in ROOT.glob(f"{folder}/**/*.py")]
+    change = re.compile(r"sys\.path(\.\w+\(|\[.*\] =| \+= | = )")
+    found = {path.name for path in files if change.search(path.read_text(encoding="utf-8"))}
+    assert found == {"gpu_blender_check.py", "preview_window.py"}
+
+
 def test_gpu_is_never_imported_on_the_way_in():
     """A module-level import would run while Blender enables the extension, perhaps without a GPU context."""
     for path in package_files():
