@@ -78,7 +78,8 @@ def light_views(
         return sun_view(emitter, casters, receivers, eye)
     if emitter.kind not in ROUND_KINDS or emitter.cos_cone > WIDEST_SPOT:
         axes = (emitter.right, emitter.up, emitter.forward)
-        return _nested_views(emitter, axes, casters, away, receivers, _lit_tangent(emitter), hold_receivers)
+        lit = _lit_tangent(emitter, receivers)
+        return _nested_views(emitter, axes, casters, away, receivers, lit, hold_receivers)
     views, left_out = [], []
     for name, axes in cube_axes():
         nested, lacking = _nested_views(emitter, axes, casters, away, receivers, FACE_TANGENT, hold_receivers)
@@ -95,11 +96,15 @@ def distances_of_boxes(emitter: Emitter, boxes: np.ndarray) -> np.ndarray:
     return np.where(away > 0.0, away, AROUND * emitter.half_width)
 
 
-def _lit_tangent(emitter: Emitter) -> float:
-    """The slope from the light's axis within which there are receivers."""
+def _lit_tangent(emitter: Emitter, receivers: np.ndarray) -> float:
+    """The slope from the light's axis within which there are receivers: outside its cone a spot's rim still
+    lights some, the nearest by the widest angle."""
     if emitter.kind not in ROUND_KINDS:
         return WIDEST_TANGENT
-    return math.sqrt(1.0 - emitter.cos_cone**2) / emitter.cos_cone
+    nearest = distances_of_boxes(emitter, receivers).min(initial=math.inf)
+    rim = math.asin(min(emitter.half_width / nearest, 1.0)) if emitter.half_width > 0.0 else 0.0
+    widest = math.acos(emitter.cos_cone) + rim
+    return math.tan(widest) if widest < math.atan(WIDEST_TANGENT) else WIDEST_TANGENT
 
 
 def too_far(emitter: Emitter, region: np.ndarray) -> str | None:
@@ -327,7 +332,7 @@ def reaching_out_of(
     """(C,) bool: boxes (C, 2, 3), so far away (C,), that may keep light of a spot or a point from receivers
     (R, 2, 3) beside the window of `view`, one of `light_views`: a wider map need not draw the others."""
     axes = view.right, view.up, view.forward
-    lit = _lit_tangent(emitter) if emitter.cos_cone > WIDEST_SPOT else FACE_TANGENT
+    lit = _lit_tangent(emitter, receivers) if emitter.cos_cone > WIDEST_SPOT else FACE_TANGENT
     boxes = _Boxes.of(emitter, axes, casters, WIDEST_TANGENT, away_m)
     spans, _ = _spans(emitter, boxes, _Boxes.of(emitter, axes, receivers, lit), lit, WIDEST_TANGENT)
     found = np.zeros(len(casters), bool)
