@@ -187,8 +187,8 @@ class _Sizes:
         nodes = graph.nodes()
         self._read_at_surface = {item for node in nodes if node.rate != Rate.SCENE for item in node.inputs}
         for_all = [node for node in nodes if node.rate == Rate.SCENE and not node.instance]
-        kinds = [ATTRIBUTES[name] for name in graph.surface_attributes]
-        surface = sum(np.dtype(kind).itemsize * channels for kind, channels in kinds)
+        carried = [ATTRIBUTES[name] for name in graph.surface_attributes]
+        surface = sum(np.dtype(each.dtype).itemsize * each.channels for each in carried)
         self.shared = sum(map(self.kept, for_all)) + surface * self._tile + KERNEL_BYTES
 
     def kept(self, node: Node) -> int:

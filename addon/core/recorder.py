@@ -12,9 +12,7 @@ from .outline import Outline
 from .params import Params
 from .roles import Of, Subject
 from .shot import Shot
-
-# What a surface's attribute asks of the extraction, beyond positions.
-NEEDED_FOR = {"shading_normal": "corner_normals", "uv": "uv"}
+from .surface import ATTRIBUTES
 
 
 class Recorder:
@@ -56,7 +54,7 @@ class Recorder:
     def surface(self, step: Step, geometry: Node, attributes: tuple[str, ...], **params) -> Node:
         """The shading points, with at least these attributes. One for the whole graph."""
         self._attributes.update(attributes)
-        self._wants.update(NEEDED_FOR[name] for name in attributes if name in NEEDED_FOR)
+        self._wants.update(ATTRIBUTES[name].wants for name in attributes if ATTRIBUTES[name].wants)
         self._surface = self.step(step, geometry, instance="camera", **params)
         return self._surface
 

@@ -6,18 +6,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-# What a surface can carry, per point. Directions face the viewer; misses have depth +inf, ids -1 and the
-# rest zero.
+
+@dataclass(frozen=True)
+class Attribute:
+    """Of each point: `channels` numbers of `dtype`, `miss` where there is no surface. `wants`: what the
+    extraction has to bring for it (addon/scene/extract.py), if anything; `corners`: the table of corners that
+    a GPU reads it from (core/device.py, GpuGeometry)."""
+
+    dtype: type
+    channels: int = 1
+    miss: float = 0
+    wants: str = ""
+    corners: str = ""
+
+
+# What a surface can carry. Directions face the viewer. Three find them, each by itself: the kernels
+# (kernels/src/raster/shade.rs), a shader (effects/shared/surface.glsl) and rays (devices/camera_rays.py).
 ATTRIBUTES = {
-    "position": (np.float32, 3),  # metres, relative to the eye, world axes
-    "geometric_normal": (np.float32, 3),
-    "shading_normal": (np.float32, 3),
-    "depth": (np.float32, 1),  # metres along the view's forward axis
-    "uv": (np.float32, 2),
-    "object_id": (np.int32, 1),
-    "material": (np.int32, 1),
-    "instance": (np.int32, 1),
-    "triangle": (np.int32, 1),
+    "position": Attribute(np.float32, 3),  # metres, relative to the eye, world axes
+    "geometric_normal": Attribute(np.float32, 3),
+    "shading_normal": Attribute(np.float32, 3, wants="corner_normals", corners="corner_normals"),
+    "depth": Attribute(np.float32, miss=np.inf),  # metres along the view's forward axis
+    "uv": Attribute(np.float32, 2, wants="uv", corners="corner_uvs"),
+    "object_id": Attribute(np.int32, miss=-1),
+    "material": Attribute(np.int32, miss=-1),
+    "instance": Attribute(np.int32, miss=-1),
+    "triangle": Attribute(np.int32, miss=-1),  # of the instance's mesh
 }
 
 

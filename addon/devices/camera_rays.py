@@ -108,9 +108,8 @@ def _nothing(count: int, attributes: frozenset[str]) -> dict[str, np.ndarray]:
     """A surface of misses."""
     surface = {}
     for name in attributes:
-        kind, channels = ATTRIBUTES[name]
-        value = np.inf if name == "depth" else -1 if kind is np.int32 else 0
-        surface[name] = np.full((count, channels) if channels > 1 else count, value, kind)
+        each = ATTRIBUTES[name]
+        surface[name] = np.full((count, each.channels) if each.channels > 1 else count, each.miss, each.dtype)
     return surface
 
 

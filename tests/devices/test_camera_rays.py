@@ -83,7 +83,7 @@ def test_rays_see_what_the_rasteriser_sees(orthographic):
     hit = same & (seen.surface["instance"] >= 0)
     assert hit.mean() > 0.3
     for name in NAMES:
-        kind, channels = ATTRIBUTES[name]
+        kind, channels = ATTRIBUTES[name].dtype, ATTRIBUTES[name].channels
         ours = seen.surface[name]
         theirs = raster[name].reshape(ours.shape)
         assert ours.dtype == theirs.dtype == kind

@@ -4,19 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import strata_kernels as kernels
+from strata.addon.core.surface import ATTRIBUTES
 from strata.addon.core.view import View
 
-ALL_ATTRIBUTES = [
-    "position",
-    "geometric_normal",
-    "shading_normal",
-    "depth",
-    "uv",
-    "object_id",
-    "instance",
-    "triangle",
-    "material",
-]
+ALL_ATTRIBUTES = list(ATTRIBUTES)
 
 
 def down(window=(-1.0, 1.0, -1.0, 1.0), near=0.01, far=1e6, eye=(0.0, 0.0, 0.0), orthographic=False) -> View:

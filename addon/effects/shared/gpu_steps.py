@@ -69,15 +69,13 @@ def raster_variant(shader: Shader, orthographic: bool, alpha: bool) -> Shader:
 
 def surface_variant(attributes: tuple[str, ...], orthographic: bool) -> Shader:
     """The program that writes these attributes, at most IMAGES_AT_ONCE."""
-    samplers = SURFACE.samplers
-    if "shading_normal" in attributes:
-        samplers = (*samplers, ("corner_normals", "FLOAT_2D"))
-    if "uv" in attributes:
-        samplers = (*samplers, ("corner_uvs", "FLOAT_2D"))
+    carried = {name: ATTRIBUTES[name] for name in attributes}
+    tables = [(each.corners, "FLOAT_2D") for each in carried.values() if each.corners]
+    samplers = (*SURFACE.samplers, *tables)
     formats = {1: "R32F", 2: "RG32F", 3: "RGBA32F"}
     images = tuple(
-        (f"{name}_out", formats[channels] if dtype == np.float32 else "R32UI", "WRITE")
-        for name, (dtype, channels) in ((name, ATTRIBUTES[name]) for name in attributes)
+        (f"{name}_out", formats[each.channels] if each.dtype == np.float32 else "R32UI", "WRITE")
+        for name, each in carried.items()
     )
     defines = [name.upper() for name in attributes] + ["ORTHOGRAPHIC"] * orthographic
     return _replaced(SURFACE, samplers, (), defines, images)
@@ -149,13 +147,11 @@ def _attributes(device, geometry, drawn, view: View, chunk: Chunk, names: list[s
     for start in range(0, len(names), IMAGES_AT_ONCE):
         group = tuple(names[start : start + IMAGES_AT_ONCE])
         for name in group:
-            dtype, channels = ATTRIBUTES[name]
-            shape = (rows, size[0]) if channels == 1 else (rows, size[0], channels)
-            images[name] = device.new_image(shape, dtype)
-        if "shading_normal" in group:
-            samplers["corner_normals"] = geometry.corner_normals
-        if "uv" in group:
-            samplers["corner_uvs"] = geometry.corner_uvs
+            each = ATTRIBUTES[name]
+            shape = (rows, size[0]) if each.channels == 1 else (rows, size[0], each.channels)
+            images[name] = device.new_image(shape, each.dtype)
+            if each.corners:
+                samplers[each.corners] = getattr(geometry, each.corners)
         outputs = {f"{name}_out": images[name] for name in group}
         shader = surface_variant(group, view.orthographic)
         device.dispatch(shader, (size[0], rows), outputs, samplers, params)
