@@ -14,6 +14,7 @@ import numpy as np
 from .arrays import Arrays, Placed
 from .outline import Outline
 from .shader import Shader
+from .uniforms import Uniforms
 from .view import View
 from .view_rays import ViewRays
 
@@ -162,7 +163,7 @@ class GpuSteps(Device, Protocol):
         size: tuple[int, int],
         images: dict[str, GpuImage],
         samplers: dict[str, GpuImage] | None = None,
-        params: dict[str, Iterable[float]] | None = None,
+        params: Uniforms | dict[str, Iterable[float]] | None = None,
     ) -> None:
         """Runs a compute shader over `size` invocations. Raises ShaderError, and Cancelled where the flag is
         set."""
@@ -175,7 +176,7 @@ class GpuSteps(Device, Protocol):
         depth: Any,
         images: dict[str, GpuImage],
         samplers: dict[str, GpuImage],
-        params: dict[str, Iterable[float]],
+        params: Uniforms | dict[str, Iterable[float]],
     ) -> None:
         """Draws `triangles` (at most TRIANGLES_PER_DRAW), whose vertices the shader pulls by gl_VertexID,
         into `target`; `depth` is a `new_depth` texture, or None. Raises as `dispatch`."""

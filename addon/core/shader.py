@@ -6,6 +6,8 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from .uniforms import Uniforms
+
 ADDON = Path(__file__).parents[1]
 SHARED = ADDON / "effects" / "shared"
 LARGEST = 3.0e38
@@ -20,7 +22,8 @@ class Shader:
 
     `source`, `vertex`: paths of *.glsl below addon/. `samplers`: (name, "FLOAT_2D" or "UINT_2D").
     `images`: (name, texture format, "READ", "WRITE" or "READ_WRITE"); `atomic_images` are R32UI and read
-    and written by atomics. `params`: vec4 members of the uniform block `params`. `varyings`: (how, type,
+    and written by atomics. `params`: the uniform block `params`, as a class of Uniforms (core/uniforms.py) or
+    as the names of its members, which are then vec4. `varyings`: (how, type,
     name), how being "flat" or "smooth". `outputs`: (type, name) of the fragment stage. `group`: width and
     height of a work group. Equal shaders are compiled once.
     """
@@ -31,7 +34,7 @@ class Shader:
     samplers: tuple[tuple[str, str], ...] = ()
     images: tuple[tuple[str, str, str], ...] = ()
     atomic_images: tuple[str, ...] = ()
-    params: tuple[str, ...] = ()
+    params: tuple[str, ...] | type[Uniforms] = ()
     varyings: tuple[tuple[str, str, str], ...] = ()
     outputs: tuple[tuple[str, str], ...] = ()
     writes_depth: bool = False

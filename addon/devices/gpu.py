@@ -18,6 +18,7 @@ from ..core.arrays import Arrays, Placed, bytes_of
 from ..core.errors import Cancelled, DeviceUnavailable
 from ..core.outline import Outline
 from ..core.shader import Shader
+from ..core.uniforms import Uniforms
 from .gpu_crop import cropped
 from .gpu_geometry import GpuGeometry
 from .gpu_image import TABLE_WIDTH, GpuImage, from_texels, stack_columns, texture_format, to_texels
@@ -205,7 +206,7 @@ class GpuDevice:
         size: tuple[int, int],
         images: dict[str, GpuImage],
         samplers: dict[str, GpuImage] | None = None,
-        params: dict[str, Iterable[float]] | None = None,
+        params: Uniforms | dict[str, Iterable[float]] | None = None,
     ) -> None:
         """Runs a compute shader over `size` invocations, rounded up to groups. Raises ShaderError, and
         Cancelled where the flag is set."""
@@ -223,7 +224,7 @@ class GpuDevice:
         depth: Any,
         images: dict[str, GpuImage],
         samplers: dict[str, GpuImage],
-        params: dict[str, Iterable[float]],
+        params: Uniforms | dict[str, Iterable[float]],
     ) -> None:
         """Draws `triangles` (at most TRIANGLES_PER_DRAW) triangles, whose vertices the shader pulls by
         gl_VertexID, into `target`; `depth` is a `new_depth` texture, or None. Raises as `dispatch`."""
@@ -283,11 +284,7 @@ class GpuDevice:
         program.bind()
         block = None
         if shader.params:
-            values = np.zeros((len(shader.params), 4), np.float32)
-            for row, name in zip(values, shader.params, strict=True):
-                value = tuple(params[name])
-                with np.errstate(over="ignore"):  # what single precision does not hold is infinite there
-                    row[: len(value)] = value
+            values = params.packed() if isinstance(params, Uniforms) else _rows_of(shader.params, params)
             block = self._gpu.types.GPUUniformBuf(values)
             program.uniform_block("params", block)
         for name, _kind in shader.samplers:
@@ -341,6 +338,16 @@ def free_all() -> None:
     for device in _alive:
         device.free()
     GpuDevice._programs.clear()
+
+
+def _rows_of(names: tuple[str, ...], params: dict[str, Iterable[float]]) -> np.ndarray:
+    """(names, 4) float32."""
+    values = np.zeros((len(names), 4), np.float32)
+    for row, name in zip(values, names, strict=True):
+        value = tuple(params[name])
+        with np.errstate(over="ignore"):  # what single precision does not hold is infinite there
+            row[: len(value)] = value
+    return values
 
 
 def _mapped(value: Any, function) -> Any:

@@ -59,8 +59,9 @@ def _create_info(types, shader: Shader, texts: list[str]):
     for define in shader.defines:
         info.define(*define.split(" ", 1))
     if shader.params:
-        members = "".join(f" vec4 {name};" for name in shader.params)
-        info.typedef_source(f"struct Params {{{members} }};\n")
+        named = isinstance(shader.params, tuple)
+        members = " ".join(f"vec4 {name};" for name in shader.params) if named else shader.params.glsl()
+        info.typedef_source(f"struct Params {{ {members} }};\n")
         info.uniform_buf(0, "Params", "params")
     for slot, (name, kind) in enumerate(shader.samplers):
         info.sampler(slot, kind, name)

@@ -11,29 +11,28 @@ const float SUN = 2.0;
 // What a surface that faces the light would count for, and the share of that which arrives.
 vec2 facing(vec3 place, vec3 facing_normal)
 {
-  float kind = params.forward.w, weight = params.centre.w;
-  if (kind == SUN) {
-    return vec2(weight, max(-dot(params.forward.xyz, facing_normal), 0.0));
+  if (params.kind == SUN) {
+    return vec2(params.weight, max(-dot(params.forward.xyz, facing_normal), 0.0));
   }
   vec3 to = params.centre.xyz - place;
   float squared = max(dot(to, to), 1e-20);
   float inverse = 1.0 / sqrt(squared);
   float cosine = max(dot(to, facing_normal) * inverse, 0.0);
   float along = -dot(to, params.forward.xyz) * inverse;
-  float x = clamp((along - params.shape.x) * params.shape.y, 0.0, 1.0);
+  float x = clamp((along - params.cone_cosine) * params.cone_sharpness, 0.0, 1.0);
   float arriving = x * x * (3.0 - 2.0 * x);
-  if (kind == AREA) {
+  if (params.kind == AREA) {
     float across = sqrt(max(1.0 - along * along, 0.0));
-    arriving = max(along, 0.0) * max(1.0 - across / max(along, 1e-6) * params.shape.z, 0.0);
+    arriving = max(along, 0.0) * max(1.0 - across / max(along, 1e-6) * params.spread_cotangent, 0.0);
   }
-  return vec2(weight / squared, cosine * arriving);
+  return vec2(params.weight / squared, cosine * arriving);
 }
 #endif
 
 void main()
 {
   ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-  if (any(greaterThanEqual(pixel, ivec2(params.size.xy)))) {
+  if (any(greaterThanEqual(pixel, ivec2(params.size)))) {
     return;
   }
 #ifdef FIRST
@@ -47,7 +46,7 @@ void main()
   float arrives = 1.0;
 #endif
 #ifdef BRIGHTNESS
-  sum += vec2(params.size.z * texelFetch(irradiance, pixel, 0).r * arrives, 0.0);
+  sum += vec2(params.share * texelFetch(irradiance, pixel, 0).r * arrives, 0.0);
   sum.y = 1.0;
 #else
   vec3 facing_normal = texelFetch(normal, pixel, 0).xyz;

@@ -3,25 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
 from ...core.shader import Shader
 from ...core.surface import Chunk
+from ...core.uniforms import Three, Two, Uniforms
 from ...core.view import View
 from ..shared import gpu_steps as shared
 from ..shared.membership import mask_table
-from .pattern import packed_pattern
+from .lights import ToonLight
+from .pattern import Pattern, pattern_of
 
 FOLDER = "effects/toon"
 MIXES = {"soft_light": 0, "multiply": 1, "ramp": 2}
-FACING = Shader(
-    f"{FOLDER}/facing.glsl",
-    images=(("summed", "RG32F", "READ_WRITE"),),
-    params=("size", "centre", "forward", "shape"),
-)
+
+
+@dataclass(frozen=True)
+class FacingParams(ToonLight):
+    """A light, and the tile's columns and rows."""
+
+    size: Two = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class BrightnessParams(Uniforms):
+    """`share` of a light's irradiance that counts."""
+
+    size: Two
+    share: float
+
+
+@dataclass(frozen=True)
+class ShadeParams(Uniforms):
+    """`mix`: one of MIXES; `emission`: share of it; `rim_width`: a cosine; `rim_strength` of `rim_color`;
+    `forward` counts where `orthographic` is 1."""
+
+    size: Two
+    mix: float
+    emission: float
+    rim_width: float
+    rim_strength: float
+    rim_color: Three
+    forward: Three
+    orthographic: float
+
+
+@dataclass(frozen=True)
+class HalftoneParams(Pattern):
+    """The pattern, and the tile's columns and rows."""
+
+    size: Two
+
+
+FACING = Shader(f"{FOLDER}/facing.glsl", images=(("summed", "RG32F", "READ_WRITE"),), params=FacingParams)
 RAMP_POSITION = Shader(
     f"{FOLDER}/ramp_position.glsl",
     samplers=(("summed", "FLOAT_2D"),),
@@ -35,7 +72,7 @@ SHADE = Shader(
         *((name, "FLOAT_2D") for name in ("materials", "pieces", "ranges")),
     ),
     images=(("colour_out", "RGBA32F", "WRITE"),),
-    params=("size", "options", "rim", "forward"),
+    params=ShadeParams,
 )
 HALFTONE = Shader(
     f"{FOLDER}/halftone.glsl",
@@ -46,7 +83,7 @@ HALFTONE = Shader(
         ("anchors", "FLOAT_2D"),
     ),
     images=(("result", "R32F", "WRITE"),),
-    params=("size", "place", "dots", "fade", "right", "up", "forward"),
+    params=HalftoneParams,
 )
 SPARE = Shader(
     f"{FOLDER}/spare.glsl",
@@ -87,7 +124,7 @@ def _facing_variant(first: bool, brightness: bool, shadowed: bool, linked: bool)
     }
     shader = _variant(FACING, wanted, samplers)
     if brightness:
-        return shader
+        return replace(shader, params=BrightnessParams)
     return replace(shader, samplers=(("position", "FLOAT_2D"), ("normal", "FLOAT_2D"), *shader.samplers))
 
 
@@ -150,7 +187,7 @@ def facing(device, surface, *visibility, normal, lights, shadowed, linked):
         if receivers is not None:
             table = mask_table(device, receivers)
             samplers |= {"instance": surface["instance"], "receives": table}
-        params = {"size": size, "centre": light[:4], "forward": light[4:8], "shape": light[8:11]}
+        params = FacingParams(**vars(ToonLight.of(light)), size=size)
         shader = _facing_variant(index == 0, False, shadow, receivers is not None)
         device.dispatch(shader, size, {"summed": summed}, samplers, params)
         device.release(table)
@@ -168,7 +205,7 @@ def brightness(device, *images, weights, shadowed):
         shape = samplers["irradiance"].shape[:2]
         size = shape[::-1]
         summed = summed or device.new_image((*shape, 2))
-        params = {"size": (*size, weight / np.pi), "centre": (), "forward": (), "shape": ()}
+        params = BrightnessParams(size, weight / np.pi)
         shader = _facing_variant(index == 0, True, shadow, False)
         device.dispatch(shader, size, {"summed": summed}, samplers, params)
     return _ramp_position(device, summed, shape)
@@ -230,12 +267,16 @@ def shade(
     has_rim = rim[1] > 0.0
     if has_rim:
         samplers |= {"position": surface["position"], "normal": surface[normal]}
-    params = {
-        "size": size,
-        "options": (MIXES[mix], emission, rim[0]),
-        "rim": (*rim[2:], rim[1]),
-        "forward": (0.0, 0.0, 0.0, 0.0) if forward is None else (*forward, 1.0),
-    }
+    params = ShadeParams(
+        size=size,
+        mix=MIXES[mix],
+        emission=emission,
+        rim_width=rim[0],
+        rim_strength=rim[1],
+        rim_color=rim[2:],
+        forward=forward or (0.0, 0.0, 0.0),
+        orthographic=float(forward is not None),
+    )
     result = device.new_image((*shape, 4))
     shader = _shade_variant(bool(base), instances is not None, has_rim)
     device.dispatch(shader, size, {"colour_out": result}, samplers, params)
@@ -251,21 +292,12 @@ def halftone(device, surface, light, anchors, inked, chunk: Chunk, **pattern):
     rows[: len(anchors), :3] = anchors.reshape(-1, 3, 4)
     rows[: len(anchors), 3, 0] = np.frombuffer(inked, np.uint8)
     table = device.upload_table(rows.reshape(-1, 4))
-    numbers = packed_pattern(chunk, **pattern)
     samplers = {"light": light, "anchors": table}
     # Dots on the screen that do not fade do not ask where a point is.
     samplers |= {"position": surface.get("position", light), "instance": surface["instance"]}
     if pattern["anchor"] == "surface":
         samplers["geometric_normal"] = surface["geometric_normal"]
-    params = {
-        "size": (*size, numbers[10]),
-        "place": numbers[1:5],
-        "dots": (numbers[5], numbers[6], numbers[9]),
-        "fade": numbers[7:9],
-        "right": numbers[11:14],
-        "up": numbers[14:17],
-        "forward": numbers[17:21],
-    }
+    params = HalftoneParams(**vars(pattern_of(chunk, **pattern)), size=size)
     result = device.new_image(shape)
     device.dispatch(_halftone_variant(pattern["anchor"]), size, {"result": result}, samplers, params)
     device.release(table)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from ...core.outline import Outline
 from ...core.sampling import footprint_side
 from ...core.shot import PixelFilter, Raster, Shot
 from ...core.surface import Chunk
+from ...core.uniforms import Three, Two, Uniforms
 from ...core.view import View
 from .params import NO_FADE, Anchor, ToonParams
 
@@ -39,24 +41,56 @@ def _fade(start: float, end: float) -> tuple[float, float]:
     return (1.0 / (start - end) if start < end else -1e9), end
 
 
-def packed_pattern(
-    chunk: Chunk, anchor, origin, turn, dot, fade, view: View, pixel_filter: PixelFilter
-) -> list[float]:
-    """21 numbers: anchor, frame position of the tile's first pixel (2), turn (2), scale, cutoff, fade (2),
-    opacity, half a footprint in pixels, steps of a pixel to the right and up in window units along world
-    axes (6), forward (3), orthographic. kernels/src/toon/halftone.rs and halftone.glsl read them.
+@dataclass(frozen=True)
+class Pattern(Uniforms):
+    """What halftone.glsl is told, and after the anchor kernels/src/toon/halftone.rs. `first`: frame position
+    of the tile's first pixel; `turn`: cosine and sine of the pattern's, over the length of a cell;
+    `fade_scale` and `fade_end`: see `_fade`; `half_footprint` in pixels; `right` and `up`: steps of a pixel
+    in window units along world axes; `orthographic`: 1 or 0."""
 
-    One sample alone is filtered as much as the render filters. Several are spread as that filter is, so
+    first: Two
+    turn: Two
+    scale: float
+    cutoff: float
+    fade_scale: float
+    fade_end: float
+    opacity: float
+    half_footprint: float
+    right: Three
+    up: Three
+    forward: Three
+    orthographic: float
+
+
+def packed_pattern(chunk: Chunk, anchor, **settings) -> list[float]:
+    """The anchor and the Pattern, as the kernel takes them."""
+    return [ANCHOR_NUMBERS[anchor], *pattern_of(chunk, anchor, **settings).numbers()]
+
+
+def pattern_of(
+    chunk: Chunk, anchor, origin, turn, dot, fade, view: View, pixel_filter: PixelFilter
+) -> Pattern:
+    """One sample alone is filtered as much as the render filters. Several are spread as that filter is, so
     that each need only bridge the gap around it.
     """
     left, right, bottom, top = view.window
     step = (right - left) / chunk.width, (top - bottom) / chunk.height
     first = origin[0] + 0.5 + chunk.jitter[0], origin[1] + chunk.y0 + 0.5 + chunk.jitter[1]
-    across = (*(np.array(view.right) * step[0]), *(np.array(view.up) * step[1]))
     scale, cutoff, opacity = dot
-    half = 0.5 * footprint_side(pixel_filter, chunk.jitter, chunk.samples)
-    numbers = [ANCHOR_NUMBERS[anchor], *first, *turn, scale, cutoff, *fade, opacity, half]
-    return [float(x) for x in (*numbers, *across, *view.forward, view.orthographic)]
+    return Pattern(
+        first=first,
+        turn=turn,
+        scale=scale,
+        cutoff=cutoff,
+        fade_scale=fade[0],
+        fade_end=fade[1],
+        opacity=opacity,
+        half_footprint=0.5 * footprint_side(pixel_filter, chunk.jitter, chunk.samples),
+        right=tuple(np.array(view.right) * step[0]),
+        up=tuple(np.array(view.up) * step[1]),
+        forward=view.forward,
+        orthographic=float(view.orthographic),
+    )
 
 
 def anchors(params: ToonParams, outline: Outline, raster: Raster) -> np.ndarray:

@@ -26,19 +26,19 @@ vec4 ramp_at(int ramp, float at)
 
 vec3 mixed(vec3 base, vec3 ramp)
 {
-  if (params.options.x == SOFT_LIGHT) {
+  if (params.mix == SOFT_LIGHT) {
     vec3 a = clamp(base, 0.0, 1.0), b = clamp(0.5 * ramp, 0.0, 1.0);
     vec3 dark = 2.0 * a * b + a * a * (1.0 - 2.0 * b);
     vec3 bright = 2.0 * a * (1.0 - b) + sqrt(a) * (2.0 * b - 1.0);
     return mix(dark, bright, vec3(greaterThan(b, vec3(0.5))));
   }
-  return params.options.x == MULTIPLY ? base * ramp : ramp;
+  return params.mix == MULTIPLY ? base * ramp : ramp;
 }
 
 void main()
 {
   ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-  if (any(greaterThanEqual(pixel, ivec2(params.size.xy)))) {
+  if (any(greaterThanEqual(pixel, ivec2(params.size)))) {
     return;
   }
   vec4 result = vec4(0.0);
@@ -59,13 +59,13 @@ void main()
 #endif
       vec3 rgb = base_colour + (mixed(base_colour, colour.rgb) - base_colour) * colour.a;
 #ifdef RIM
-      vec3 towards = params.forward.w > 0.0 ? params.forward.xyz : texelFetch(position, pixel, 0).xyz;
+      vec3 towards = params.orthographic > 0.0 ? params.forward.xyz : texelFetch(position, pixel, 0).xyz;
       float cosine = abs(dot(towards, texelFetch(normal, pixel, 0).xyz)) / length(towards);
-      if (cosine < params.options.z) {
-        rgb = mix(rgb, params.rim.rgb, params.rim.a);
+      if (cosine < params.rim_width) {
+        rgb = mix(rgb, params.rim_color.rgb, params.rim_strength);
       }
 #endif
-      rgb += texelFetch(materials, table_texel(2u * uint(made_of) + 1u), 0).rgb * params.options.y;
+      rgb += texelFetch(materials, table_texel(2u * uint(made_of) + 1u), 0).rgb * params.emission;
       result = vec4(rgb, 1.0);
     }
   }
