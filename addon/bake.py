@@ -13,7 +13,7 @@ import numpy as np
 
 from .baked import Baked, put_together
 from .core.arrays import Arrays
-from .core.effect import Effect
+from .core.effect import Effect, Offer, Registry
 from .core.errors import Cancelled, StrataError
 from .core.execution import Execution
 from .core.executor import Executor
@@ -23,13 +23,14 @@ from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups
 from .core.outline import Outline
 from .core.progress import Forecast
 from .core.recorder import plan
+from .core.roles import Role
 from .core.sampling import Sampling
 from .core.sequence import SequenceLayer, with_neutral
 from .core.shot import Shot
 from .core.slices import timed
 from .core.surface import Chunk
 from .devices.start import Devices, start_devices
-from .effects.registry import EFFECTS, effect_named
+from .effects.registry import EFFECTS
 from .effects.shared import composite, lit
 from .effects.shared.look import look
 from .measure.budget import MeasuringOutlook
@@ -48,7 +49,9 @@ class Options:
     for at most 2048 and so few that measuring takes 15% of the bake; `lights`: names of the lamps whose
     layers are wanted, None for all layers; `lit` also
     makes each light's unshadowed image, and `composite` the picture of the whole; `memory_bytes` are what it
-    may take beside what Blender has, 0: half of what is free, or less where more is of no use."""
+    may take beside what Blender has, 0: half of what is free, or less where more is of no use; `providers`:
+    the effect to take a role from, where several offer it and a lamp asks for none; `keeps_unused` also makes
+    their layers that the picture does not take; `registry`: the effects that there are."""
 
     effects: tuple[str, ...] | None = None
     backend: str = "auto"
@@ -60,6 +63,9 @@ class Options:
     lit: bool = False
     composite: bool = False
     memory_bytes: int = 0
+    providers: dict[Role, str] = field(default_factory=dict)
+    keeps_unused: bool = False
+    registry: Registry = EFFECTS
 
     def __post_init__(self):
         if self.memory_bytes < 0:
@@ -69,27 +75,35 @@ class Options:
         if self.probes is not None and self.probes < 0:
             raise StrataError(f"probes: {self.probes} is less than 0")
         for effect_id, values in self.values.items():
-            effect_named(effect_id).params.checked(effect_id, values)
+            self.registry.named(effect_id).params.checked(effect_id, values)
 
     def chosen(self) -> dict[Effect, Any]:
         """The effects to run with their parameters."""
         if self.effects is None:
-            effects = tuple(effect for effect in EFFECTS if effect.on_by_default)
+            effects = tuple(effect for effect in self.registry if effect.on_by_default)
         else:
-            effects = tuple(effect_named(name) for name in self.effects)
-        return {e: e.params.checked(e.id, self.values.get(e.id, {})) for e in effects}
+            effects = tuple(self.registry.named(name) for name in self.effects)
+        return {effect: self._params_of(effect) for effect in effects}
 
     def wants(self, name: str, pass_name: str) -> bool:
         """Whether a lamp's layers are to be made."""
         return self.lights is None or name in self.lights or pass_name in self.lights
 
-    def sources(self) -> dict[str, tuple[Callable, Any]]:
-        """What effects offer to others, with their parameters, whether or not they are chosen themselves."""
-        return {
-            name: (record, effect.params.checked(effect.id, self.values.get(effect.id, {})))
-            for effect in EFFECTS
-            for name, record in effect.sources.items()
-        }
+    def offers(self) -> dict[Role, tuple[Offer, ...]]:
+        """What chosen effects offer, that of `providers` first; what none of them offers, from the first that
+        does."""
+        chosen = self.chosen()
+        found: dict[Role, list[Offer]] = {}
+        for effect in sorted(self.registry, key=lambda effect: effect not in chosen):
+            for role, record in effect.offers.items():
+                offers = found.setdefault(role, [])
+                if effect in chosen or not offers:
+                    offer = Offer(effect, self._params_of(effect), record)
+                    offers.insert(0 if self.providers.get(role) == effect.id else len(offers), offer)
+        return {role: tuple(offers) for role, offers in found.items()}
+
+    def _params_of(self, effect: Effect) -> Any:
+        return effect.params.checked(effect.id, self.values.get(effect.id, {}))
 
 
 def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
@@ -99,7 +113,15 @@ def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
     if options.lights is not None:
         lights = enumerate(outline.lights)
         lamps = tuple(index for index, light in lights if options.wants(light.name, light.pass_name))
-    return plan(outline, shot, options.chosen(), *more, sources=options.sources(), lamps=lamps)
+    return plan(
+        outline,
+        shot,
+        options.chosen(),
+        *more,
+        offers=options.offers(),
+        lamps=lamps,
+        keeps_unused=options.keeps_unused,
+    )
 
 
 def sampling_of(shot: Shot, options: Options) -> Sampling:

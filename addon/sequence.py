@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from .bake import Options, plan_scene
-from .core.effect import Effect, LayerKind
+from .core.effect import Effect, LayerKind, Registry
 from .core.emitter import EmitterKind
 from .core.errors import StrataError
 from .core.naming import layer_name
 from .core.outline import Light, Outline, emitter_measure
 from .core.roles import Subject
 from .core.sequence import SequenceLayer
-from .effects.registry import EFFECTS
 
 STAGE = "Looking which layers the sequence needs"
 
@@ -42,7 +41,7 @@ def sequence_layers(
         return None
     order = list(coarse_to_fine(first, last, frames[0]))
 
-    def look(depsgraph, go_to) -> dict[str, SequenceLayer]:
+    def look(depsgraph, go_to) -> tuple[SequenceLayer, ...]:
         found: dict[str, SequenceLayer] = {}
         candidates = None
         for number, frame in enumerate(order):
@@ -64,10 +63,9 @@ def sequence_layers(
                 found.setdefault(layer.name, SequenceLayer.of(layer))
             if candidates.are_all_in(found):
                 break
-        return found
+        return tuple(sorted(found.values(), key=lambda layer: _place(layer, options.registry)))
 
-    found = with_render_frames(scene, view_layer, look, order[0], camera)
-    return tuple(sorted(found.values(), key=_place))
+    return with_render_frames(scene, view_layer, look, order[0], camera)
 
 
 def coarse_to_fine(first: int, last: int, start: int) -> Iterator[int]:
@@ -80,11 +78,11 @@ def coarse_to_fine(first: int, last: int, start: int) -> Iterator[int]:
             yield frame
 
 
-def _place(layer: SequenceLayer) -> tuple[int, int, str]:
+def _place(layer: SequenceLayer, registry: Registry) -> tuple[int, int, str]:
     """Where it stands in the file: by effect, kind and name."""
-    effect = next(effect for effect in EFFECTS if effect.id == layer.effect)
+    effect = registry.named(layer.effect)
     titles = [kind.title for kind in effect.layers]
-    return EFFECTS.index(effect), titles.index(layer.kind.title), layer.name
+    return registry.index(effect), titles.index(layer.kind.title), layer.name
 
 
 @dataclass(eq=False)

@@ -37,7 +37,7 @@ class STRATA_OT_new_ramp(bpy.types.Operator):
 
 
 def _spec(effect_id: str, name: str):
-    effect = next(effect for effect in EFFECTS if effect.id == effect_id)
+    effect = EFFECTS.named(effect_id)
     specs = [*effect.params.specs(), *(effect.object_params.specs() if effect.object_params else ())]
     return next(spec for spec in specs if spec.name == name and spec.kind is Ramp)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
+from .errors import StrataError
 from .params import Params, in_words
 from .roles import Role, Subject
 from .score import Score
@@ -58,11 +59,11 @@ def not_ruled_out(kind: LayerKind, light: Any, params: Any, has_media: bool) -> 
 @dataclass(frozen=True)
 class Effect:
     """`id` is the folder's name. `run(recorder, outline, params)` records steps; `needed(outline)` gives the
-    reason why the scene does not need the effect, or None; `sources` records, by name, what other effects may
-    build on: each as `record(recorder, outline, params, light_index)`; `shaders()` yields every GPU program
-    that its steps may compile; `presets` are values by name, over the defaults; `object_params` are what an
-    object or a material may have of its own. Not `on_by_default`: a style, which would cover the picture of a
-    scene that never asked for it.
+    reason why the scene does not need the effect, or None; `offers`: by role, what the picture and other
+    effects may build on (`Recorder.ask`), recorded by `record(recorder, outline, params, of, *inputs)`;
+    `shaders()` yields every GPU program that its steps may compile; `presets` are values by name, over the
+    defaults; `object_params` are what an object or a material may have of its own. Not `on_by_default`: a
+    style, which would cover the picture of a scene that never asked for it.
 
     `ruled_out(kind, light, params, has_media)`: whether no frame can need a layer of that kind as long as the
     lamp and the parameters are these, whatever moves; either is None where it may change, and a light's place
@@ -76,14 +77,39 @@ class Effect:
     run: Callable
     doc: str
     source: str
-    sources: dict[str, Callable] = field(default_factory=dict, hash=False, compare=False)
+    offers: dict[Role, Callable] = field(default_factory=dict, hash=False, compare=False)
     shaders: Callable[[], Iterable[Shader]] = no_shaders
     object_params: type[Params] | None = None
     on_by_default: bool = True
     ruled_out: Callable[[LayerKind, Any, Any, bool], bool] = not_ruled_out
     presets: dict[str, dict[str, Any]] = field(default_factory=dict, hash=False, compare=False)
 
+    def __post_init__(self):
+        for kind in self.layers:
+            if kind.role.is_exclusive and kind.role not in self.offers:
+                raise ValueError(f"'{kind.title}' is {kind.role.value}, which '{self.id}' does not offer")
+
     @property
     def title(self) -> str:
         """What people call it."""
         return in_words(self.id)
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What `effect` offers (`Effect.offers`), with its parameters."""
+
+    effect: Effect
+    params: Params
+    record: Callable
+
+
+class Registry(tuple[Effect, ...]):
+    """Effects, in the order of the panel."""
+
+    def named(self, name: str) -> Effect:
+        """Raises StrataError if there is none."""
+        for effect in self:
+            if effect.id == name:
+                return effect
+        raise StrataError(f"no effect '{name}'; there is {', '.join(effect.id for effect in self)}")

@@ -17,6 +17,7 @@ import numpy as np
 from .emitter import Emitter, EmitterKind
 from .medium import Medium
 from .params import Params
+from .roles import Role
 from .view import Vector
 
 Colour = tuple[float, float, float]
@@ -72,6 +73,7 @@ class Light:
     shadow linking); None: all. `own` are values that go over the scene's for this light: effect's id,
     parameter and value. `pass_name` is its part of layers' names (addon/scene/lamp_names.py); empty: made
     from `name`. `lamp` is what the lamp itself is called, with its library, where instances show it.
+    `providers`: by role, the id of the effect that the lamp takes it from, where several offer it.
     """
 
     name: str
@@ -84,6 +86,7 @@ class Light:
     receivers: frozenset[int] | None = None
     casters: frozenset[int] | None = None
     own: Own = ()
+    providers: tuple[tuple[Role, str], ...] = ()
     pass_name: str = ""
     lamp: str = ""
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
 
-from .effect import Effect, LayerKind
+from .effect import Effect, LayerKind, Offer
 from .graph import Graph, LeftOut, Node, PlannedLayer, Step
 from .naming import lamp_pass_name, layer_name, named_some
 from .outline import Outline
 from .params import Params
-from .roles import Of, Subject
+from .roles import THE_IMAGE, Of, Role, Subject
 from .shot import Shot
 from .surface import ATTRIBUTES
 
@@ -22,15 +21,17 @@ class Recorder:
         self,
         outline: Outline,
         shot: Shot,
-        sources: dict[str, tuple[Callable, Any]] | None = None,
+        offers: Mapping[Role, tuple[Offer, ...]] | None = None,
         lamps: tuple[int, ...] | None = None,
+        keeps_unused: bool = False,
     ):
         self.outline = outline
         self.shot = shot
         # Of which lights to record layers, by index; where it is not all, other layers are not wanted at all.
         self.lamps = tuple(range(len(outline.lights))) if lamps is None else lamps
         self._wants_others = lamps is None
-        self._sources = sources or {}
+        self._keeps_unused = keeps_unused
+        self._offers = offers or {}
         self.effect: Effect | None = None  # whose steps are being recorded
         self.params: Params | None = None  # that effect's
         self._nodes: dict[str, Node] = {}
@@ -105,15 +106,41 @@ class Recorder:
         if any(layer.name == name for layer in self._layers):
             raise ValueError(f"two layers are called '{name}'")
         effect = self.effect.id if self.effect else ""
-        layer = PlannedLayer(name, effect, node, kind, self.params, light, of, casters)
+        layer = PlannedLayer(
+            name, effect, node, kind, self.params, light, of, casters, joins=self._joins(kind, of)
+        )
         self._layers.append(layer)
 
-    def source(self, name: str, light_index: int):
-        """What another effect offers to build on, with that effect's own parameters: "visibility" is (node,
-        casters) of a light's shadow, or None where there is none. Asked for by several, it is the same node.
-        Raises KeyError if no effect offers it."""
-        record, params = self._sources[name]
-        return record(self, self.outline, params, light_index)
+    def lamps_for(self, kind: LayerKind) -> Iterator[int]:
+        """Indices of the lights to record a layer of `kind` of; notes those whose picture takes the same from
+        another effect."""
+        for index in self.lamps:
+            if self._keeps_unused or self._joins(kind, Of.lamp(index)):
+                yield index
+                continue
+            light, provider = self.outline.lights[index], self._offer(kind.role, Of.lamp(index)).effect
+            self.left_out(
+                f"{kind.title} {light.name}", f"{provider.title} is its {kind.role.value}", light.name
+            )
+
+    def ask(self, role: Role, of: Of = THE_IMAGE, *inputs: Node):
+        """What the one effect that provides `role` offers to build on, with that effect's own parameters; for
+        VISIBILITY (node, casters) of a lamp's shadow, or None where there is none. Asked for by several, it
+        is the same node. Raises KeyError if no effect offers it."""
+        offer = self._offer(role, of)
+        if offer is None:
+            raise KeyError(role)
+        return offer.record(self, self.outline, offer.params, of, *inputs)
+
+    def _offer(self, role: Role, of: Of) -> Offer | None:
+        """Of the effect that the lamp asks for, or else of the first."""
+        offers = self._offers.get(role, ())
+        wanted = dict(self.outline.lights[of.index].providers).get(role) if of.is_lamp else None
+        return next((offer for offer in offers if offer.effect.id == wanted), next(iter(offers), None))
+
+    def _joins(self, kind: LayerKind, of: Of) -> bool:
+        offer = self._offer(kind.role, of) if kind.role.is_exclusive else None
+        return offer is None or offer.effect is self.effect
 
     def left_out(self, what: str, reason: str, light: str = "") -> None:
         """Notes it once, whoever comes upon it again."""
@@ -137,14 +164,16 @@ def plan(
     shot: Shot,
     effects: dict[Effect, Params],
     *more: Callable,
-    sources: dict[str, tuple[Callable, Params]] | None = None,
+    offers: Mapping[Role, tuple[Offer, ...]] | None = None,
     lamps: tuple[int, ...] | None = None,
+    keeps_unused: bool = False,
 ) -> Graph:
     """Records every effect that a shot of the scene needs; `effects` maps each to its parameters. Each of
-    `more`, called with recorder and outline, may record more, after them and for no effect. `sources`: what
-    effects offer to others (`Effect.sources`), each with its parameters. `lamps`: indices of the only lights
-    whose layers are wanted, and no other layers; None: all."""
-    recorder = Recorder(outline, shot, sources, lamps)
+    `more`, called with recorder and outline, may record more, after them and for no effect. `offers`: what
+    effects offer (`Effect.offers`); a lamp that asks for none of them takes the first. `lamps`: indices of
+    the only lights whose layers are wanted, and no other layers; None: all. `keeps_unused`: also layers that
+    the picture takes from another effect."""
+    recorder = Recorder(outline, shot, offers, lamps, keeps_unused)
     for effect, params in effects.items():
         recorder.effect, recorder.params = effect, params
         if reason := effect.needed(outline):

@@ -73,6 +73,11 @@ class Role(Enum):
         return 1.0 if self.scales else 0.0
 
     @property
+    def is_exclusive(self) -> bool:
+        """Whether one effect provides it, for a lamp or for the image, where several could."""
+        return self in (Role.VISIBILITY, Role.PICTURE)
+
+    @property
     def needs_lamp(self) -> bool:
         """Whether it can be of a lamp only."""
         return self in (Role.VISIBILITY, Role.FILTER, Role.DIFFUSE, Role.SPECULAR)

@@ -93,7 +93,8 @@ class LayerReport:
     `antialiasing`: RMS standard error of its pixels (core/metrics.py), None for one sample a pixel;
     `neutral`: the frame does not need it, but others of the sequence do; `verdict`: how much of a measured
     error is to be seen (verdict.py), empty for others; `lowered_by`: settings that lower it, where it may be
-    seen, and `advice` the same for a person."""
+    seen, and `advice` the same for a person; `joins`: not so where the picture takes the same from another
+    effect."""
 
     name: str
     effect: str
@@ -107,6 +108,7 @@ class LayerReport:
     verdict: str = ""
     lowered_by: tuple[str, ...] = ()
     advice: str = ""
+    joins: bool = True
 
     def to_json(self) -> dict[str, Any]:
         plain = {key: rounded(item) if isinstance(item, float) else item for key, item in vars(self).items()}
@@ -118,6 +120,8 @@ class LayerReport:
             del plain["antialiasing"]
         if not self.neutral:
             del plain["neutral"]
+        if self.joins:
+            del plain["joins"]
         del plain["verdict"], plain["lowered_by"], plain["advice"]
         if self.verdict:
             plain |= {"verdict": self.verdict, "lowered_by": list(self.lowered_by)}
@@ -200,6 +204,7 @@ def report_of(
             _non_finite(images[layer.name]),
             errors.get(layer.name),
             (antialiasing or {}).get(layer.name),
+            joins=layer.joins,
             **_judged(layer, errors.get(layer.name), outline),
         )
         for layer in graph.layers

@@ -17,7 +17,7 @@ from bl_ui.utils import PresetPanel
 from ..core.effect import Effect
 from ..core.errors import StrataError
 from ..core.params import Lamp
-from ..effects.registry import EFFECTS, effect_named
+from ..effects.registry import EFFECTS
 from ..scene.lamp_names import LampNames
 from .registration import Classes
 
@@ -45,7 +45,7 @@ class STRATA_OT_take_preset(bpy.types.Operator):
     def execute(self, context):
         path = Path(self.filepath)
         try:
-            effect = effect_named(path.parent.name)
+            effect = EFFECTS.named(path.parent.name)
             values = _values_in(path.read_text(encoding="utf-8"))
         except (OSError, SyntaxError, ValueError, StrataError) as error:
             self.report({"ERROR"}, f"Preset '{path.stem}' cannot be read: {error}")

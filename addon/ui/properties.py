@@ -52,6 +52,8 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
         # Only a number that somebody set is kept whatever it takes.
         "probes": settings.probes if settings.is_property_set("probes") else None,
         "memory_bytes": round(settings.memory_gb * 1e9),
+        # What somebody names is what they get, also where the picture has it from another effect.
+        "keeps_unused": overrides.get("effects") is not None,
     }
     return Options(values=values, **options | {k: v for k, v in overrides.items() if v is not None})
 

@@ -14,7 +14,7 @@ from strata.addon.core.graph import Graph
 from strata.addon.core.outline import Light, Outline
 from strata.addon.core.recorder import plan
 from strata.addon.devices.cpu import CpuDevice
-from strata.addon.effects.registry import effect_named
+from strata.addon.effects.registry import EFFECTS
 from strata.addon.effects.shared.look import seen_boxes
 from strata.addon.scene.extract import extract
 from strata.addon.scene.render_depsgraph import with_render_depsgraph
@@ -23,7 +23,7 @@ from strata.addon.scene.scan import ScanOptions, scan
 from .document import ROOT
 
 SAMPLES = ROOT / "sample_blends"
-SOFT_SHADOW = effect_named("soft_shadow")
+SOFT_SHADOW = EFFECTS.named("soft_shadow")
 
 
 def open_sample(name: str) -> bpy.types.Scene:

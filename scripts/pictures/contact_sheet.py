@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 from strata.addon.core.layers import Layer, LayerSet
-from strata.addon.effects.registry import effect_named
+from strata.addon.effects.registry import EFFECTS
 from strata.addon.measure.report import NotMeasured, error_of
 from strata.addon.measure.verdict import advice, between, percent
 
@@ -112,7 +112,7 @@ def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int, told: dict
     seconds = f"{layer.seconds:.2f} s"
     draw.text((x + width - 16, y + height + 13), seconds, ACCENT, label_font(20), anchor="ra")
     settings = told.get("lowered_by", ())
-    advised = advice(settings, effect_named(layer.effect).params) if settings else ""
+    advised = advice(settings, EFFECTS.named(layer.effect).params) if settings else ""
     for line, text in enumerate(error_lines(layer.error, told.get("verdict", ""), advised)):
         font = label_font(16)
         text = _fitted(draw, text, font, width - 32)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from strata.addon.core.errors import StrataError
 from strata.addon.core.naming import LONGEST_LAMP, lamp_pass_name, layer_name
-from strata.addon.effects.registry import EFFECTS, effect_named
+from strata.addon.effects.registry import EFFECTS
 from strata.addon.effects.soft_shadow.params import Method, SoftShadowParams
 from strata.addon.effects.toon.params import ToonParams
 
@@ -47,7 +47,7 @@ def test_a_bad_value_is_refused_by_name(values, words):
 
 def test_an_unknown_effect_is_refused_by_name():
     with pytest.raises(StrataError, match=r"no effect 'glow'.*soft_shadow"):
-        effect_named("glow")
+        EFFECTS.named("glow")
 
 
 def test_layer_names_have_no_dots_and_fit():

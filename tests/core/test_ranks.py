@@ -110,7 +110,7 @@ def test_imports_go_down(path):
         ("addon/effects/toon/run.py", "def f():\n    from .. import soft_shadow"),
         ("addon/effects/toon/run.py", "from ...effects import soft_shadow"),
         ("addon/bake.py", "from .ui import panels"),
-        ("addon/measure/verdict.py", "from ..effects.registry import effect_named"),
+        ("addon/measure/verdict.py", "from ..effects.registry import EFFECTS"),
         ("addon/core/graph.py", "import bpy"),
         ("addon/bake.py", "import gpu.types"),
         ("addon/scene/scan.py", "from strata_kernels import raster"),

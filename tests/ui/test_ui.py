@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from strata.addon.bake import read_scene
-from strata.addon.effects.registry import EFFECTS, effect_named
+from strata.addon.effects.registry import EFFECTS
 from strata.addon.effects.toon.params import ToonParams
 from strata.addon.preview.control import preview_options
 from strata.addon.scene.open import open_blend
@@ -44,7 +44,7 @@ def test_a_limit_is_switched_on_and_off_by_its_box(scene):
     toon.crease_angle_is_set = True
     assert 0.1 < toon.crease_angle < 3.0
     toon.crease_angle_is_set = False
-    chosen = options_of(scene, effects=("toon",)).chosen()[effect_named("toon")]
+    chosen = options_of(scene, effects=("toon",)).chosen()[EFFECTS.named("toon")]
     assert chosen.crease_angle == ToonParams().crease_angle
 
 
@@ -158,7 +158,7 @@ def test_an_older_scenes_key_light_is_one_of_its_own(scene, tmp_path, told, foun
 
 def test_a_key_light_keeps_its_lamp_when_that_is_renamed(scene):
     lamp = a_lamp()
-    toon = effect_named("toon")
+    toon = EFFECTS.named("toon")
     scene.strata.toon.enabled, scene.strata.toon.key_light = True, lamp
     assert options_of(scene).chosen()[toon].key_light == lamp.name
     lamp.name = "Renamed"

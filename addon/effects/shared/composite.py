@@ -42,7 +42,7 @@ def record(recorder: Recorder, outline: Outline) -> None:
         shadows = [
             layer.node
             for layer in recorder.layers
-            if layer.role is Role.VISIBILITY and layer.of == Of.lamp(index)
+            if layer.joins and layer.role is Role.VISIBILITY and layer.of == Of.lamp(index)
         ]
         inputs += [lit.irradiance(recorder, outline, light), *shadows]
         joins.append((Join.LIGHT.value, lit.brightness(light), len(shadows)))

@@ -62,8 +62,8 @@ def run(recorder: Recorder, outline: Outline, params: SoftShadowParams) -> None:
     """One layer for each light whose shadow falls in view."""
     from . import EFFECT
 
-    for index in recorder.lamps:
-        if shadow := visibility(recorder, outline, params, index):
+    for index in recorder.lamps_for(EFFECT.layers[0]):
+        if shadow := visibility(recorder, outline, params, Of.lamp(index)):
             node, casters = shadow
             recorder.layer(EFFECT.layers[0], node, Of.lamp(index), casters)
     seen, _ = receivers_in_view(outline, recorder.shot)
@@ -71,11 +71,11 @@ def run(recorder: Recorder, outline: Outline, params: SoftShadowParams) -> None:
 
 
 def visibility(
-    recorder: Recorder, outline: Outline, params: SoftShadowParams, index: int
+    recorder: Recorder, outline: Outline, params: SoftShadowParams, of: Of
 ) -> tuple[Node, frozenset[int]] | None:
     """V of one light and what casts it, or None where nothing of its shadow falls in view: for other effects
-    too, by Recorder.source."""
-    light = outline.lights[index]
+    too, by Recorder.ask."""
+    light = outline.lights[of.index]
     seen, receivers = receivers_in_view(outline, recorder.shot)
     region = around(receivers) if len(receivers) else np.zeros((2, 3))
     visible = outline.instances.subset(seen)
@@ -86,7 +86,7 @@ def visibility(
     if reason:
         recorder.left_out(_told(light), reason, light.name)
         return None
-    return _record_light(recorder, outline, params, index, casters, visible, receivers), casters
+    return _record_light(recorder, outline, params, of.index, casters, visible, receivers), casters
 
 
 def _told(light: Light) -> str:

@@ -9,6 +9,7 @@ from ...core.emitter import EmitterKind
 from ...core.graph import Node
 from ...core.outline import Outline
 from ...core.recorder import Recorder
+from ...core.roles import Of, Role
 from ..shared import lit
 from ..shared import steps as shared
 from . import pattern, steps
@@ -110,7 +111,7 @@ def _shadow(recorder, outline, params, index, surface, normal, region) -> tuple[
     if not params.shadows:
         return None
     if params.shadow_edge == ShadowEdge.SOFT:
-        return recorder.source("visibility", index)
+        return recorder.ask(Role.VISIBILITY, Of.lamp(index))
     casters = casters_of(light, outline.instances, region) if light.casts_shadow else frozenset()
     if not casters:
         return None

@@ -70,7 +70,7 @@ def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> 
     stride = params.scale.stride
     if not any(fill.medium.scattering):
         recorder.left_out("Volumetric Light, scattering", "the medium only absorbs")
-    for index in recorder.lamps:
+    for index in recorder.lamps_for(EFFECT.layers[0]):
         light = outline.lights[index]
         if not any(fill.medium.scattering):
             break

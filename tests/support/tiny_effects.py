@@ -1,0 +1,112 @@
+"""Effects of a few lines, for what no effect that there is does. They are given to a bake by its registry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from strata.addon.core.culling import receivers_in_view
+from strata.addon.core.effect import Effect, LayerKind, Registry
+from strata.addon.core.graph import Step
+from strata.addon.core.params import Params
+from strata.addon.core.roles import Of, Role, Subject
+from strata.addon.core.shader import Shader
+from strata.addon.effects.registry import EFFECTS
+from strata.addon.effects.shared.steps import surface
+
+FOLDER = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class NoParams(Params):
+    """Nothing to set."""
+
+
+def effect(id: str, layers: tuple[LayerKind, ...], run, **more) -> Effect:
+    return Effect(id, NoParams, layers, lambda outline: None, run, "For tests.", "none", **more)
+
+
+def registry(*effects: Effect) -> Registry:
+    """All effects that there are, and these."""
+    return Registry((*EFFECTS, *effects))
+
+
+def points(recorder, outline):
+    seen, _ = receivers_in_view(outline, recorder.shot)
+    return surface(recorder, outline, outline.instances.subset(seen), "position")
+
+
+def shader(name: str, *defines: str) -> Shader:
+    """Of `position`, into an image `result`."""
+    return Shader(
+        str(FOLDER / name),
+        defines=defines,
+        samplers=(("position", "FLOAT_2D"),),
+        images=(("result", "RGBA32F", "WRITE"),),
+        params=("size", "value"),
+    )
+
+
+def dispatched(device, program: Shader, surface, value=(), channels: int = 4):
+    shape = surface["position"].shape[:2]
+    result = device.new_image((*shape, channels) if channels > 1 else shape)
+    if channels == 1:
+        program = Shader(**vars(program) | {"images": (("result", "R32F", "WRITE"),)})
+    params = {"size": shape[::-1], "value": value}
+    device.dispatch(program, shape[::-1], {"result": result}, {"position": surface["position"]}, params)
+    return result
+
+
+# A coloured gobo before every lamp: what of its light passes, by the place alone.
+
+GOBO_KIND = LayerKind("Gobo", "RGB", of=Subject.LAMP, role=Role.FILTER)
+
+
+def _gobo(device, surface, colour):
+    share = 0.5 + 0.5 * np.tanh(surface["position"][..., :1])
+    return (np.float32(colour) * share).astype(np.float32)
+
+
+def _gobo_gpu(device, surface, colour):
+    return dispatched(device, shader("tiny.glsl", "GOBO"), surface, colour)
+
+
+GOBO_STEP = Step("tiny gobo", cpu=_gobo, gpu=_gobo_gpu)
+
+
+def _run_gobo(recorder, outline, params):
+    for index in recorder.lamps_for(GOBO_KIND):
+        node = recorder.step(GOBO_STEP, points(recorder, outline), colour=(1.0, 0.25 + index, 0.125))
+        recorder.layer(GOBO_KIND, node, Of.lamp(index))
+
+
+GOBO = effect("gobo", (GOBO_KIND,), _run_gobo)
+
+# A second way to shadow a lamp: half of its light arrives, everywhere.
+
+HALF_KIND = LayerKind("Half Shadow", "V", of=Subject.LAMP, role=Role.VISIBILITY)
+
+
+def _half(device, surface):
+    return np.full(surface["position"].shape[:2], 0.5, np.float32)
+
+
+def _half_gpu(device, surface):
+    return dispatched(device, shader("tiny.glsl", "HALF"), surface, channels=1)
+
+
+HALF_STEP = Step("tiny half shadow", cpu=_half, gpu=_half_gpu)
+
+
+def _half_visibility(recorder, outline, params, of):
+    return recorder.step(HALF_STEP, points(recorder, outline)), frozenset()
+
+
+def _run_half(recorder, outline, params):
+    for index in recorder.lamps_for(HALF_KIND):
+        node, casters = _half_visibility(recorder, outline, params, Of.lamp(index))
+        recorder.layer(HALF_KIND, node, Of.lamp(index), casters)
+
+
+HALF_SHADOW = effect("half_shadow", (HALF_KIND,), _run_half, offers={Role.VISIBILITY: _half_visibility})
