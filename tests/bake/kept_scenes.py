@@ -72,4 +72,13 @@ KEPT: dict[str, dict] = {
         "lamps": [{"type": "SUN"}],
         "backend": "gpu",
     },
+    "a dense medium and a lamp a hundred light years away": {
+        "lamps": [{"type": "POINT"}],
+        "camera": {"at": (0, 0, 0), "parented": True},
+        "settings": {
+            "volumetric_light.use_scene_medium": False,
+            "volumetric_light.scattering_per_m": "1e6,0,1",
+        },
+        "offset": (1e18, 0, 0),
+    },
 }

@@ -18,6 +18,7 @@ from .lattice import lattice_of, offset_of
 from .sources import Source, SourceKind
 
 FOLDER = "effects/volumetric_light"
+FURTHEST_M = 1e18  # that a source is from the eye (source.rs)
 ALIKE = 4.0  # extinctions that differ by less are integrated over the same nodes (medium.rs)
 
 MAP_PARAMS = ("size", "level")
@@ -312,6 +313,8 @@ def _medium_params(medium: Medium, source: Source, view: View) -> dict[str, tupl
     relative = np.array(source.position) - np.array(view.eye)
     if source.kind == SourceKind.DISTANT:
         relative = np.zeros(3)
+    elif (away := math.hypot(*relative)) > FURTHEST_M:
+        relative *= FURTHEST_M / away
     # As integral.rs `blurring_scale`.
     sharp = math.sqrt((1.0 - g) / g) if medium.anisotropy > 0.5 else 1.0
     near = min(0.5 / max(source.radius, 1e-30) * sharp, LARGEST)

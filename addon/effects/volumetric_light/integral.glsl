@@ -15,6 +15,8 @@ const float OPAQUE = 100.0;  // of light from outside s grows faster than what i
 const float OPAQUE = 20.0;
 #endif
 const int MOST_PANELS = 256;
+const float LEAST_SCALE = 1e-6;
+const float MOST_GROWTH = 1e9;
 
 // (1 - exp(-x)) / x.
 float mean_transmittance(float x)
@@ -48,12 +50,12 @@ vec2 further(float start, float slope, float d)
 // looked up: along the ray only); channels whose extinctions lie between `low` and `high`.
 vec3 near_group(Seen seen, float tau, float length_m, float travelled, float low, float high)
 {
-  float h = seen.height;
+  float h = max(seen.height, CLOSEST_SHARE * tau);
   float tau1 = tau + length_m;
   float d0 = sqrt(h * h + tau * tau), d1 = sqrt(h * h + tau1 * tau1);
   float sum0 = d0 + abs(tau), sum1 = d1 + abs(tau1);
   float z0 = tau > 0.0 ? sum0 / h : h / sum0, z1 = tau1 > 0.0 ? sum1 / h : h / sum1;
-  float change = length_m * ((z0 + z1) / (d0 + d1));
+  float change = min(length_m * ((z0 + z1) / (d0 + d1)), MOST_GROWTH * (1.0 + z0));
   if (low > 0.0) {
     change = min(change, OPAQUE / low / h);
   }
@@ -64,6 +66,7 @@ vec3 near_group(Seen seen, float tau, float length_m, float travelled, float low
   if (high > 0.0) {
     c = min(c, 1.0 / high / h);
   }
+  c = max(c, LEAST_SCALE * z0);
   float a0 = z0 / c, a1 = (z0 + change) / c;
   float cosh0 = sqrt(1.0 + a0 * a0), cosh1 = sqrt(1.0 + a1 * a1);
   float width = log_1p((change / c) * (1.0 + (a0 + a1) / (cosh0 + cosh1)) / (a0 + cosh0));

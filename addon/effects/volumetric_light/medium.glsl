@@ -15,6 +15,7 @@ const float NEARBY = 0.06;
 const float NEARBY = 0.25;
 #endif
 const float SHARPEST = 0.9;
+const float CLOSEST_SHARE = 5.9604645e-8;
 
 // Henyey and Greenstein's phase function; `turned` = (1 - cos) / 2 for light that mostly goes on, (1 + cos) / 2 for light
 // that mostly returns; `filled` as medium.rs has it.
@@ -43,7 +44,7 @@ Seen seen_from_light(vec3 origin, vec3 direction)
 {
   Seen seen;
   seen.closest = -dot(origin, direction);
-  seen.height = max(max(length(cross(origin, direction)), (length(origin) + params.light.w) * 5.9604645e-8), 1e-15);
+  seen.height = max(max(length(cross(origin, direction)), (length(origin) + params.light.w) * CLOSEST_SHARE), 1e-15);
   vec3 foot = origin + seen.closest * direction;
   vec3 turn0 = cross(params.axis.xyz, foot), turn1 = cross(params.axis.xyz, direction);
   seen.across2 = dot(turn1, turn1);

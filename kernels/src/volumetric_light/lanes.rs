@@ -12,8 +12,9 @@ pub use open::OpenRow;
 
 use super::integral::{blurring_scale, gauss_legendre};
 use super::medium::Medium;
-use super::source::{Near, Profile, Seen, Source};
+use super::source::{CLOSEST_SHARE, Near, Profile, Seen, Source};
 use crate::rays::lanes::{LANES, Lanes, dispatch};
+use functions::larger;
 use integrate::Integrate;
 
 /// Widest panel in y where the source's intensity varies along it too.
@@ -133,7 +134,7 @@ impl Batch {
         let i = self.count;
         self.pixel[i] = pixel;
         self.weight[i] = weight;
-        self.height[i] = seen.height as f32;
+        self.height[i] = larger(seen.height as f32, CLOSEST_SHARE * from as f32);
         self.tau[i] = from as f32;
         self.length[i] = length.min(1e15) as f32;
         self.travelled[i] = travelled as f32;

@@ -129,7 +129,7 @@ fn airlight<'py>(
     }
     let lattice = Lattice::from_packed(lattice.as_slice()?)?;
     let medium = Medium::from_packed(medium.as_slice()?)?;
-    let source = Source::from_packed(source.as_slice()?)?;
+    let source = Source::from_packed(source.as_slice()?)?.within_reach(lattice.eye);
     let maps: Vec<Arc<LightMap>> = maps.iter().map(|handle| handle.map.clone()).collect();
     let medium_maps: Vec<Arc<MediumMap>> = medium_maps.iter().map(|handle| handle.map.clone()).collect();
     let even = !source.distant && source.profile == source::Profile::Uniform && spans.is_none();

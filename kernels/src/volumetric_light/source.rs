@@ -88,9 +88,14 @@ pub struct Seen {
 }
 
 /// A ray passes no closer to a source than this share of its origin's distance, which is what its rounded direction
-/// knows, and of the source's radius; nor than so many metres, whose squares and quotients single precision holds.
+/// knows, of the source's radius, and of how far behind the source a stretch begins; nor than so many metres, whose
+/// squares and quotients single precision holds.
 pub const CLOSEST_SHARE: f32 = 1.0 / (1 << 24) as f32;
 pub const CLOSEST: f32 = 1e-15;
+
+/// A source is no further from the eye than so many metres in single precision, which holds their square. What shines
+/// from there arrives with 1e-36 of its intensity.
+pub const FURTHEST: f64 = 1e18;
 
 /// How far a cone's edge is blurred, in half angles that the source fills: a smoothstep with the variance of a
 /// semicircle reaches a little further.
@@ -255,6 +260,15 @@ impl Seen {
 }
 
 impl Source {
+    /// Where single precision can tell how far it is from `eye`.
+    pub fn within_reach(mut self, eye: [f64; 3]) -> Source {
+        let away = length(std::array::from_fn(|i| self.position[i] - eye[i]));
+        if away > FURTHEST {
+            self.position = std::array::from_fn(|i| eye[i] + (self.position[i] - eye[i]) * (FURTHEST / away));
+        }
+        self
+    }
+
     /// Irradiance over intensity on a plane that faces the source, `distance` away; and 1 - cos of the half angle
     /// that the source fills from there.
     pub fn falloff(&self, distance: f64) -> (f64, f64) {

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -105,6 +107,27 @@ def _depth():
     depth = RNG.uniform(2.0, 9.0, (HEIGHT, WIDTH)).astype(np.float32)
     depth[:4] = np.inf
     return depth
+
+
+@pytest.mark.parametrize("kind", [SourceKind.UNIFORM, SourceKind.SPOT, SourceKind.AREA])
+def test_numbers_far_apart_are_held_on_both(kind):
+    """Lamps from a point at the eye to beyond what single precision can square, and as different media."""
+    (cpu, cpu_geometry), (gpu, gpu_geometry) = on_both(*scene_of([MESH]))
+    eye = replace(CAMERA, eye=(0.0, 0.0, 0.0))
+    cone = (math.cos(0.8), 0.15) if kind == SourceKind.SPOT else (-1.0, 0.0)
+    depth = np.full((HEIGHT, WIDTH), np.inf, np.float32)
+    depth[0], depth[1] = 1.0, 1e4
+    for away in (1e-20, 1e-9, 1.0, 1e9, 1e18, 1e20):
+        for extinction, off in itertools.product((1e-30, 1e-8, 1.0, 1e6), (0.0, 1.0)):
+            position = (0.7 * off * away, away, -0.3 * off * away)
+            source = Source(kind, position, (0.0, -1.0, 0.0), 1.0, 0.0, False, *cone)
+            medium = Medium((extinction, 0.0, 1.0), (0.0, 0.0, 0.0), 0.9)
+            arguments = depth, source, medium, eye, False, 1
+            ours = _made(cpu, cpu_geometry, *arguments)[0]
+            theirs = _made(gpu, gpu_geometry, *arguments)[0]
+            assert np.isfinite(theirs).all(), (away, extinction, off)
+            held = (ours > 1e-28) & (ours < 1e37)  # where a sum's parts are normal numbers too
+            assert theirs[held] == pytest.approx(ours[held], rel=1e-3)
 
 
 @pytest.mark.parametrize("medium", MEDIA)

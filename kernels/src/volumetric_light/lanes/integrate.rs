@@ -14,6 +14,13 @@ const NEAR_EVEN: f32 = 0.25;
 /// ... and no sharper than this: of sharper ones sixteen directions would be sixteen peaks.
 const SHARPEST: f32 = 0.9;
 
+/// Scales below this share of the s that a stretch begins at move no node in single precision, and their inverse's
+/// square would be beyond it.
+const LEAST_SCALE: f32 = 1e-6;
+/// Once s has grown by this share of itself and of the ray's distance from the light, nothing that follows counts, and
+/// its square would be beyond single precision.
+const MOST_GROWTH: f32 = 1e9;
+
 /// Work for [`dispatch`](crate::rays::lanes::dispatch).
 pub struct Integrate<'a> {
     pub setup: &'a Setup,
@@ -76,8 +83,10 @@ impl Integrate<'_> {
                 if tau0 > 0.0 { sum0 * per_height } else { h / sum0 },
                 if tau1 > 0.0 { sum1 * per_height } else { h / sum1 },
             );
-            let change = smaller(b.length[i] * ((z0 + z1) / (d0 + d1)), longest * per_height);
+            let most_change = smaller(longest * per_height, MOST_GROWTH * (1.0 + z0));
+            let change = smaller(b.length[i] * ((z0 + z1) / (d0 + d1)), most_change);
             let c = smaller(smaller(peak, h * near), free_path * per_height);
+            let c = larger(c, LEAST_SCALE * z0);
             let per_scale = 1.0 / c;
             let (a0, a1) = (z0 * per_scale, (z0 + change) * per_scale);
             let (cosh0, cosh1) = ((1.0 + a0 * a0).sqrt(), (1.0 + a1 * a1).sqrt());

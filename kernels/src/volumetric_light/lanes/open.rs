@@ -66,7 +66,8 @@ impl Common {
                     1.0 - small
                 };
             } else {
-                let (height, tau) = (larger(square.sqrt(), self.closest), start + along);
+                let tau = start + along;
+                let height = larger(larger(square.sqrt(), self.closest), CLOSEST_SHARE * tau);
                 batch.height[i] = height;
                 batch.tau[i] = tau;
                 batch.travelled[i] = (height * height + tau * tau).sqrt();
