@@ -124,8 +124,16 @@ class GpuGeometry(Protocol):
     def depth_bounds(self, view: View, instances: frozenset[int]) -> tuple[float, float]:
         """Smallest and largest depth of the instances' boxes, metres along the view's forward axis."""
 
-    def clip_matrices(self, view: View, rows: tuple[int, int], size, jitter=(0.0, 0.0)) -> GpuImage:
-        """Three texels an instance: object to clip space, for `rows` of an image of `size` pixels."""
+    def clip_matrices(
+        self,
+        view: View,
+        rows: tuple[int, int],
+        size,
+        jitter=(0.0, 0.0),
+        columns: tuple[int, int] | None = None,
+    ) -> GpuImage:
+        """Three texels an instance: object to clip space, for `rows` and `columns` (None: all) of an image of
+        `size` pixels, or beyond it."""
 
     def eye_matrices(self, view: View) -> GpuImage:
         """Six texels an instance: object to world axes about the eye, cofactors, winding and object id."""

@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .film import takes_of
 from .graph import Graph, Node, PlannedLayer, Rate
 from .outline import Outline
+from .reach import margins_of
 from .sampling import Sampling
 from .surface import ATTRIBUTES
 
@@ -189,7 +191,9 @@ class _Sizes:
         for_all = [node for node in nodes if node.rate == Rate.SCENE and not node.instance]
         carried = [ATTRIBUTES[name] for name in graph.surface_attributes]
         surface = sum(np.dtype(each.dtype).itemsize * each.channels for each in carried)
-        self.shared = sum(map(self.kept, for_all)) + surface * self._tile + KERNEL_BYTES
+        margins = margins_of(graph, takes_of(graph)).get(graph.surface, (0,))
+        pixels = sum((sampling.tile_rows + 2 * m) * (sampling.width + 2 * m) for m in margins)
+        self.shared = sum(map(self.kept, for_all)) + surface * pixels + KERNEL_BYTES
 
     def kept(self, node: Node) -> int:
         """Of its value, where it does not depend on the surface."""

@@ -66,6 +66,13 @@ class Chunk:
         """Whether it is all there is to the image: every pixel and sample."""
         return self.shape == (self.height, self.width) and self.samples == 1
 
+    def numbers(self, index: np.ndarray) -> np.ndarray:
+        """Of the chunk's pixels with these indices, row by row: uint32 that tell the image's pixels apart."""
+        if (self.x0, self.x1) == (0, self.width):
+            return (self.y0 * self.width + index).astype(np.uint32)
+        rows, columns = np.divmod(index, self.shape[1])
+        return ((self.y0 + rows) * self.width + self.x0 + columns).astype(np.uint32)
+
     def grown(self, margin: int) -> Chunk:
         """With so many more pixels at each side, also beyond the image."""
         x0, x1 = self.x0 - margin, self.x1 + margin

@@ -153,12 +153,20 @@ class GpuGeometry:
         depths = depths[np.isfinite(depths)]
         return float(depths.min(initial=np.inf)), float(depths.max(initial=-np.inf))
 
-    def clip_matrices(self, view: View, rows: tuple[int, int], size, jitter=(0.0, 0.0)) -> GpuImage:
+    def clip_matrices(
+        self,
+        view: View,
+        rows: tuple[int, int],
+        size,
+        jitter=(0.0, 0.0),
+        columns: tuple[int, int] | None = None,
+    ) -> GpuImage:
         """Three texels an instance: rows x, y (clip space) and depth (metres) of object to view, for image
-        rows `rows` of `size` pixels. Composed in float64."""
+        rows `rows` and `columns` (None: all) of `size` pixels. Composed in float64."""
         to_view = self._to_eye(view, np.array([view.right, view.up, view.forward]))
-        window = _window_of_rows(view, rows, size)
-        pixels = size[0], rows[1] - rows[0]
+        columns = columns or (0, size[0])
+        window = _window_of(view, columns, rows, size)
+        pixels = columns[1] - columns[0], rows[1] - rows[0]
         clip = to_view.copy()
         for axis in (0, 1):
             low, high = window[2 * axis], window[2 * axis + 1]
@@ -216,10 +224,14 @@ def _box_corners(meshes: list[MeshPlace]) -> np.ndarray:
     return np.stack([sides[:, [i & 1, i >> 1 & 1, i >> 2], [0, 1, 2]] for i in range(8)], axis=1)
 
 
-def _window_of_rows(view: View, rows: tuple[int, int], size: tuple[int, int]) -> tuple[float, ...]:
+def _window_of(
+    view: View, columns: tuple[int, int], rows: tuple[int, int], size: tuple[int, int]
+) -> tuple[float, ...]:
     left, right, bottom, top = view.window
-    step = (top - bottom) / size[1]
-    return left, right, bottom + rows[0] * step, bottom + rows[1] * step
+    across, along = (right - left) / size[0], (top - bottom) / size[1]
+    if columns != (0, size[0]):  # to the last bit where all are wanted
+        left, right = left + columns[0] * across, left + columns[1] * across
+    return left, right, bottom + rows[0] * along, bottom + rows[1] * along
 
 
 def _float32(values: np.ndarray) -> np.ndarray:

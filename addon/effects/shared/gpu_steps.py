@@ -102,16 +102,15 @@ def geometry(device, scene):
 
 def surface(device, geometry, view: View, visible: frozenset[int], chunk: Chunk, attributes):
     """A dict of images, as `raster_surface` gives arrays."""
-    size, rows = (chunk.width, chunk.height), (chunk.y0, chunk.y1)
+    size, shape = (chunk.width, chunk.height), chunk.shape
     _check_view(view, size)
-    shape = (chunk.y1 - chunk.y0, chunk.width)
     nearest = device.new_image((*shape, 2), np.uint32)
     device.clear(nearest, 0)
     low, high = geometry.depth_bounds(view, visible)
     low = view.near if view.orthographic else 0.0
     reach = max(min(high, view.far) - low, 1e-30)
     depth_scale = 2.0 ** -np.ceil(np.log2(reach) + 1e-6)  # a power of two: scaling rounds nothing
-    matrices = geometry.clip_matrices(view, rows, size, chunk.jitter)
+    matrices = geometry.clip_matrices(view, (chunk.y0, chunk.y1), size, chunk.jitter, (chunk.x0, chunk.x1))
     depth = device.new_depth((shape[1], shape[0]))
     drawn = geometry.draw_list(visible)
     _draw_all(
@@ -122,15 +121,15 @@ def surface(device, geometry, view: View, visible: frozenset[int], chunk: Chunk,
 
 
 def _attributes(device, geometry, drawn, view: View, chunk: Chunk, names: list[str], nearest):
-    size, rows = (chunk.width, chunk.height), chunk.y1 - chunk.y0
+    size, (rows, columns) = (chunk.width, chunk.height), chunk.shape
     left, right, bottom, top = view.window
     step = (right - left) / size[0], (top - bottom) / size[1]
     first = (
         left + (0.5 + chunk.jitter[0]) * step[0],
-        bottom + (0.5 + chunk.y0 + chunk.jitter[1]) * step[1],
+        bottom + (0.5 + chunk.jitter[1]) * step[1],
     )
     params = {
-        "size": (size[0], rows),
+        "size": (columns, rows, chunk.x0, chunk.y0),
         "window": (*first, *step),
         "right": (*view.right, view.near),
         "up": view.up,
@@ -148,13 +147,13 @@ def _attributes(device, geometry, drawn, view: View, chunk: Chunk, names: list[s
         group = tuple(names[start : start + IMAGES_AT_ONCE])
         for name in group:
             each = ATTRIBUTES[name]
-            shape = (rows, size[0]) if each.channels == 1 else (rows, size[0], each.channels)
+            shape = (rows, columns) if each.channels == 1 else (rows, columns, each.channels)
             images[name] = device.new_image(shape, each.dtype)
             if each.corners:
                 samplers[each.corners] = getattr(geometry, each.corners)
         outputs = {f"{name}_out": images[name] for name in group}
         shader = surface_variant(group, view.orthographic)
-        device.dispatch(shader, (size[0], rows), outputs, samplers, params)
+        device.dispatch(shader, (columns, rows), outputs, samplers, params)
     return images
 
 

@@ -64,7 +64,7 @@ def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, see
         ]
         # Pixels and samples are told apart, whatever the tiles and the device.
         own = int(hash_bits(seed, chunk.sample))
-        numbers = (chunk.y0 * chunk.width + chosen).astype(np.uint32)
+        numbers = chunk.numbers(chosen)
         traced, _ = device.kernels.ray_visibility(
             accelerator,
             device.instance_mask(casters),

@@ -331,27 +331,22 @@ def outline(device, surface, hull, *lines, view: View, colours, chunk: Chunk):
     return result
 
 
-def line_margin(width: int) -> int:
-    """Rows around a tile that lines of this width look at (kernels/src/toon/edges.rs, `disc`)."""
+def line_reach(width: int) -> int:
+    """How far lines of this width look around a pixel (kernels/src/toon/edges.rs, `disc`)."""
     return width // 2 + 1
 
 
-def lines(device, geometry, view: View, visible, marked, width, objects, materials, crease, chunk: Chunk):
+def lines(device, surface, marked, width, objects, materials, crease):
     """An image (h, w) uint8, as the kernel of the same name."""
-    margin = line_margin(width)
-    low, high = max(chunk.y0 - margin, 0), min(chunk.y1 + margin, chunk.height)
+    margin = line_reach(width)
     names = ["instance"] + ["object_id"] * objects + ["material"] * materials
     names += ["shading_normal"] if crease is not None else []
-    around = replace(chunk, y0=low, y1=high)
-    seen = shared.surface(device, geometry, view, visible, around, frozenset(names))
     table = device.upload_table(device.instance_mask(marked).astype(np.float32)[:, None])
-    shape = (chunk.y1 - chunk.y0, chunk.width)
-    result = device.new_image(shape, np.uint8)
-    params = {
-        "size": (chunk.width, shape[0], chunk.y0 - low, high - low),
-        "line": (width, -2.0 if crease is None else crease),
-    }
+    rows, columns = (side - 2 * margin for side in surface["instance"].shape[:2])
+    result = device.new_image((rows, columns), np.uint8)
+    params = {"size": (columns, rows, margin), "line": (width, -2.0 if crease is None else crease)}
     shader = _lines_variant(objects, materials, crease is not None)
-    device.dispatch(shader, shape[::-1], {"result": result}, {**seen, "marked": table}, params)
-    device.release([seen, table])
+    samplers = {**{name: surface[name] for name in names}, "marked": table}
+    device.dispatch(shader, (columns, rows), {"result": result}, samplers, params)
+    device.release(table)
     return result

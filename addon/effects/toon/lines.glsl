@@ -13,8 +13,7 @@ void main()
   if (any(greaterThanEqual(inner, ivec2(params.size.xy)))) {
     return;
   }
-  ivec2 extent = ivec2(params.size.x, params.size.w);
-  ivec2 pixel = inner + ivec2(0, int(params.size.z));
+  ivec2 pixel = inner + int(params.size.z);
   int here = marked_at(pixel), reach = int(params.line.x);
   float middle = reach % 2 == 1 ? 0.5 : 0.0;
   float radius = length(vec2(0.5 * params.line.x, middle)) + 1e-4;
@@ -22,8 +21,7 @@ void main()
   for (int dy = -reach; here >= 0 && !found && dy <= reach; dy++) {
     for (int dx = -reach; !found && dx <= reach; dx++) {
       ivec2 other = pixel + ivec2(dx, dy);
-      bool inside = all(greaterThanEqual(other, ivec2(0))) && all(lessThan(other, extent));
-      if (!inside || length(vec2(dx, dy) - middle) > radius) {
+      if (length(vec2(dx, dy) - middle) > radius) {
         continue;
       }
       int there = marked_at(other);

@@ -75,7 +75,7 @@ def pattern_of(
     """
     left, right, bottom, top = view.window
     step = (right - left) / chunk.width, (top - bottom) / chunk.height
-    first = origin[0] + 0.5 + chunk.jitter[0], origin[1] + chunk.y0 + 0.5 + chunk.jitter[1]
+    first = origin[0] + chunk.x0 + 0.5 + chunk.jitter[0], origin[1] + chunk.y0 + 0.5 + chunk.jitter[1]
     scale, cutoff, opacity = dot
     return Pattern(
         first=first,

@@ -260,12 +260,12 @@ def _outline(recorder, outline, params, visible, excluded, kind) -> None:
             colours[index] = own.outline_color
     lines = []
     if has_lines:
+        wanted = ["instance"] + ["object_id"] * params.object_lines + ["material"] * params.material_lines
+        wanted += ["shading_normal"] if crease is not None else []
         lines.append(
             recorder.step(
                 steps.LINES,
-                geometry,
-                view=view,
-                visible=visible,
+                recorder.surface_with(*wanted),
                 marked=frozenset(drawn),
                 width=params.line_width_px,
                 objects=params.object_lines,

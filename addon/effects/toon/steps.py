@@ -179,33 +179,21 @@ def _outline(device, surface, hull, *lines, view: View, colours, chunk):
     )
 
 
-def _lines(device, geometry, view: View, visible, marked, width, objects, materials, crease, chunk):
-    margin = gpu_steps.line_margin(width)
-    low, high = max(chunk.y0 - margin, 0), min(chunk.y1 + margin, chunk.height)
-    wanted = ["instance"] + ["object_id"] * objects + ["material"] * materials
-    wanted += ["shading_normal"] if crease is not None else []
-    seen = device.kernels.raster_surface(
-        geometry,
-        device.instance_mask(visible),
-        view.packed(),
-        chunk.width,
-        chunk.height,
-        rows=(low, high),
-        jitter=chunk.jitter,
-        attributes=wanted,
-        cancel=device.cancel_flag,
-    )
-    return device.kernels.toon_edges(
-        np.where(belong(device, seen, marked), seen["instance"], -1),
-        chunk.y0 - low,
-        chunk.y1 - low,
+def _lines(device, surface, marked, width, objects, materials, crease):
+    margin = gpu_steps.line_reach(width)
+    rows = len(surface["instance"])
+    lines = device.kernels.toon_edges(
+        np.where(belong(device, surface, marked), surface["instance"], -1),
+        margin,
+        rows - margin,
         width,
-        seen.get("object_id"),
-        seen.get("material"),
-        seen.get("shading_normal"),
+        surface["object_id"] if objects else None,
+        surface["material"] if materials else None,
+        surface["shading_normal"] if crease is not None else None,
         -2.0 if crease is None else crease,
         cancel=device.cancel_flag,
     )
+    return np.ascontiguousarray(lines[:, margin:-margin])
 
 
 # How much points face the lights, in 0 to 1: what the ramp is looked up with.
@@ -228,4 +216,9 @@ HULL_GEOMETRY = Step("toon/hull_geometry", cpu=_hull_geometry, gpu=_hull_geometr
 # Ink where the hull lies before every surface.
 OUTLINE = Step("toon/outline", cpu=_outline, gpu=gpu_steps.outline, rate=Rate.SAMPLE)
 # Lines between objects, materials and faces.
-LINES = Step("toon/lines", cpu=_lines, gpu=gpu_steps.lines, rate=Rate.SAMPLE)
+LINES = Step(
+    "toon/lines",
+    cpu=_lines,
+    gpu=gpu_steps.lines,
+    reach=lambda node: gpu_steps.line_reach(node.params["width"]),
+)

@@ -1,7 +1,8 @@
 // What one source adds to every ray of a lattice, within one map's window or, with OUTSIDE, beyond it too: evaluate.rs
 // and map.rs `LightMap::walk`. Each window is one dispatch; windows do not overlap.
 //   params.size    width and height of the lattice; 1 to begin from nothing, else 0 to add
-//   params.first   first and step of the lattice; forward.w is the near plane
+//   params.first   first and step of the image's lattice; right.w and up.w: where in it this one begins; forward.w is the
+//                  near plane
 //   params.window  left, bottom, and texels per slope (metre) across and up; params.reach: right, top, near
 //   params.map     width and height in texels, levels, 1 where there is a map and 0 where all in the window is lit
 //   params.map_x   the map's axes, with the camera's eye in them as w
@@ -274,7 +275,7 @@ void main()
   }
   ivec2 shown = pixel * int(params.size.w) + ivec2(params.reach.w, params.walk.y);
   float depth_here = texelFetch(depth, shown, 0).r;
-  vec2 at = params.first.xy + vec2(pixel) * params.first.zw;
+  vec2 at = params.first.xy + (vec2(params.right.w, params.up.w) + vec2(pixel)) * params.first.zw;
   vec3 across = at.x * params.right.xyz + at.y * params.up.xyz;
   float per_depth = 1.0;
 #ifdef PARALLEL

@@ -14,7 +14,7 @@ from ...core.shader import LARGEST, Shader
 from ...core.surface import Chunk
 from ...core.view import View
 from ..shared import gpu_steps as shared
-from .lattice import lattice_of, offset_of
+from .lattice import lattice_of
 from .sources import Source, SourceKind
 
 FOLDER = "effects/volumetric_light"
@@ -212,13 +212,12 @@ def _evaluate(
     """`samplers` and `own` parameters of this reach; `ways`: maps of the medium to look up how far light has
     come through it."""
     lattice = lattice_of(view, chunk, stride)
-    size = lattice.width, lattice.height
-    offset = offset_of(chunk.width, stride), offset_of(chunk.y1 - chunk.y0, stride)
+    size, offset = (lattice.width, lattice.height), lattice.shown
     result = device.new_image((size[1], size[0], 3))
     params = {
         "first": (*lattice.first, *lattice.step),
-        "right": view.right,
-        "up": view.up,
+        "right": (*view.right, lattice.origin[0]),
+        "up": (*view.up, lattice.origin[1]),
         "forward": (*view.forward, view.near),
         **_medium_params(medium, source, view),
         **own,
@@ -345,7 +344,7 @@ def _nodes(device, order: int):
     return device.kept(f"volumetric_light/nodes {order}", make)
 
 
-def scattered(device, surface, *parts, intensity, shares, stride: int, chunk: Chunk):
+def scattered(device, surface, *parts, view: View, intensity, shares, stride: int, chunk: Chunk):
     """An image (rows, width, 3) of all parts together, at every pixel."""
     height, width = parts[0].shape[:2]
     total = device.new_image((height, width, 3))
@@ -354,13 +353,14 @@ def scattered(device, surface, *parts, intensity, shares, stride: int, chunk: Ch
         device.dispatch(SCATTERED, (width, height), {"total": total}, {"part": part}, params)
     if stride == 1:
         return total
-    rows = chunk.y1 - chunk.y0
-    result = device.new_image((rows, chunk.width, 3))
-    offset = offset_of(chunk.width, stride), offset_of(rows, stride)
-    params = {"size": (chunk.width, rows, stride), "coarser": (width, height, *offset)}
+    rows, columns = chunk.shape
+    result = device.new_image((rows, columns, 3))
+    # The surface has as many pixels more at each side.
+    shown = lattice_of(view, chunk.grown(stride), stride).shown
+    params = {"size": (columns, rows, stride), "coarser": (width, height, *shown)}
     device.dispatch(
         UPSAMPLE,
-        (chunk.width, rows),
+        (columns, rows),
         {"result": result},
         {"coarse": total, "depth": surface["depth"]},
         params,
@@ -389,7 +389,7 @@ def _transmittance(device, surface, view: View, medium: Medium, chunk: Chunk, sa
     result = device.new_image((lattice.height, lattice.width, 3))
     size = lattice.width, lattice.height
     params = {
-        "size": size,
+        "size": (*size, *lattice.origin),
         "first": (*lattice.first, *lattice.step),
         "extinction": medium.extinction,
         "range": (view.near,),

@@ -12,50 +12,61 @@ from ...core.view import View
 
 @dataclass(frozen=True)
 class Lattice:
-    """Ray (x, y), from the bottom left, goes through slope (orthographic: metre) first + (x, y) step of the
-    view's plane. Twin of kernels/src/volumetric_light/rays.rs."""
+    """Ray (x, y), from the bottom left, goes through slope (orthographic: metre) first + (origin + (x, y))
+    step of the view's plane, counted from the image's own ray. `shown`: the tile's pixel that ray (0, 0) goes
+    through. Twin of kernels/src/volumetric_light/rays.rs."""
 
     view: View
     first: tuple[float, float]
     step: tuple[float, float]
     width: int
     height: int
+    origin: tuple[int, int] = (0, 0)
+    shown: tuple[int, int] = (0, 0)
 
     def packed(self) -> np.ndarray:
         """(18,) float64: eye, right, up, forward, first, step, near, orthographic."""
         view = self.view
         axes = (*view.eye, *view.right, *view.up, *view.forward)
-        return np.array([*axes, *self.first, *self.step, view.near, float(view.orthographic)], np.float64)
+        places = zip(self.first, self.origin, self.step, strict=True)
+        first = (first + origin * step for first, origin, step in places)
+        return np.array([*axes, *first, *self.step, view.near, float(view.orthographic)], np.float64)
 
     def lengths(self) -> np.ndarray:
         """(height, width) float32: metres along each ray for each metre of depth."""
         if self.view.orthographic:
             return np.ones((self.height, self.width), np.float32)
-        x = self.first[0] + np.arange(self.width) * self.step[0]
-        y = self.first[1] + np.arange(self.height) * self.step[1]
+        x = self.first[0] + (self.origin[0] + np.arange(self.width)) * self.step[0]
+        y = self.first[1] + (self.origin[1] + np.arange(self.height)) * self.step[1]
         return np.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2).astype(np.float32)
 
     def seen(self) -> View:
         """The view whose pixel centres are these rays."""
-        left, bottom = (f - 0.5 * s for f, s in zip(self.first, self.step, strict=True))
+        left, bottom = (
+            first + (origin - 0.5) * step
+            for first, origin, step in zip(self.first, self.origin, self.step, strict=True)
+        )
         window = (left, left + self.width * self.step[0], bottom, bottom + self.height * self.step[1])
         return replace(self.view, window=window)
 
-
-def offset_of(side: int, stride: int) -> int:
-    """Which pixel of a block stands for it, along a side of so many pixels."""
-    return min(stride // 2, side - 1)
+    def of_image(self, chunk: Chunk, stride: int) -> Lattice:
+        """All rays of the image."""
+        whole = replace(chunk, x0=0, x1=chunk.width, y0=0, y1=chunk.height)
+        found = lattice_of(self.view, whole, stride)
+        return replace(found, width=max(found.width, 1), height=max(found.height, 1))
 
 
 def lattice_of(view: View, chunk: Chunk, stride: int = 1) -> Lattice:
-    """The rays of a tile's pixels, or of every `stride`th."""
+    """The rays of a chunk's pixels, or of every `stride`th: in the middle of each block of the image's."""
     left, right, bottom, top = view.window
     step = (right - left) / chunk.width, (top - bottom) / chunk.height
-    rows = chunk.y1 - chunk.y0
-    dx, dy = offset_of(chunk.width, stride), offset_of(rows, stride)
+    middle = stride // 2
     first = (
-        left + (0.5 + chunk.jitter[0] + dx) * step[0],
-        bottom + (0.5 + chunk.jitter[1] + chunk.y0 + dy) * step[1],
+        left + (0.5 + chunk.jitter[0] + middle) * step[0],
+        bottom + (0.5 + chunk.jitter[1] + middle) * step[1],
     )
-    width, height = len(range(dx, chunk.width, stride)), len(range(dy, rows, stride))
-    return Lattice(view, first, (step[0] * stride, step[1] * stride), width, height)
+    starts, ends = (chunk.x0, chunk.y0), (chunk.x1, chunk.y1)
+    origin = tuple(-((middle - start) // stride) for start in starts)
+    width, height = (-((middle - end) // stride) - begin for end, begin in zip(ends, origin, strict=True))
+    shown = tuple(begin * stride + middle - start for begin, start in zip(origin, starts, strict=True))
+    return Lattice(view, first, (step[0] * stride, step[1] * stride), width, height, origin, shown)

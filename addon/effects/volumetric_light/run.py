@@ -90,6 +90,7 @@ def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> 
             surface,
             *parts,
             instance=light.name,
+            view=recorder.shot.view,
             intensity=light.intensity,
             shares=tuple(shares),
             stride=stride,

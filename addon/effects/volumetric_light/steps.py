@@ -9,7 +9,7 @@ from ...core.medium import Medium
 from ...core.outline import Outline
 from ...core.surface import Chunk
 from . import gpu_steps
-from .lattice import lattice_of, offset_of
+from .lattice import Lattice, lattice_of
 from .sources import Source
 
 
@@ -23,22 +23,26 @@ def _medium_map(device, depth, view):
 
 def _spans(device, geometry, view, instances, layers, stride, chunk: Chunk):
     lattice = lattice_of(view, chunk, stride)
+    whole = lattice.of_image(chunk, stride)
+    (left, bottom), width, height = lattice.origin, lattice.width, lattice.height
     return device.kernels.layered_depth(
         geometry,
         device.instance_mask(instances),
-        lattice.seen().packed(),
+        whole.seen().packed(),
         layers,
-        lattice.width,
-        lattice.height,
+        whole.width,
+        whole.height,
+        rows=(bottom, bottom + height),
+        columns=(left, left + width),
         cancel=device.cancel_flag,
     )
 
 
-def _coarse_depth(depth: np.ndarray, chunk: Chunk, stride: int) -> np.ndarray:
+def _coarse_depth(depth: np.ndarray, lattice: Lattice, stride: int) -> np.ndarray:
     if stride == 1:
         return depth
-    dx, dy = offset_of(chunk.width, stride), offset_of(chunk.y1 - chunk.y0, stride)
-    return np.ascontiguousarray(depth[dy::stride, dx::stride])
+    left, bottom = lattice.shown
+    return np.ascontiguousarray(depth[bottom::stride, left::stride])
 
 
 def _airlight(device, surface, *maps, windows, **common):
@@ -69,9 +73,10 @@ def _kernel(
     chunk: Chunk,
     **more,
 ):
+    lattice = lattice_of(view, chunk, stride)
     return device.kernels.airlight(
-        _coarse_depth(surface["depth"], chunk, stride),
-        lattice_of(view, chunk, stride).packed(),
+        _coarse_depth(surface["depth"], lattice, stride),
+        lattice.packed(),
         medium.packed(),
         source.packed(),
         list(maps),
@@ -82,17 +87,18 @@ def _kernel(
     )
 
 
-def _scattered(device, surface, *parts, intensity, shares, stride, chunk: Chunk):
+def _scattered(device, surface, *parts, view, intensity, shares, stride, chunk: Chunk):
     total = sum(np.float32(share) * part for share, part in zip(shares, parts, strict=True))
     total *= np.array(intensity, np.float32)
     if stride == 1:
         return total
-    offset = offset_of(chunk.width, stride), offset_of(chunk.y1 - chunk.y0, stride)
+    lattice = lattice_of(view, chunk.grown(stride), stride)
     depth = surface["depth"]
-    coarse_depth = _coarse_depth(depth, chunk, stride)
-    return device.kernels.upsample_by_depth(
-        total, coarse_depth, depth, stride, offset, cancel=device.cancel_flag
+    coarse_depth = _coarse_depth(depth, lattice, stride)
+    image = device.kernels.upsample_by_depth(
+        total, coarse_depth, depth, stride, lattice.shown, cancel=device.cancel_flag
     )
+    return device.cropped(image, stride)  # the outermost pixels have no rays around them
 
 
 def _transmittance(device, surface, view, medium: Medium, chunk: Chunk):
@@ -111,6 +117,11 @@ def _limits(surface, view, chunk: Chunk) -> tuple[np.ndarray, np.ndarray]:
     """Metres along each ray (rows, width) where it begins, as in Cycles at the near plane, and ends."""
     lengths = lattice_of(view, chunk).lengths()
     return np.float32(view.near) * lengths, surface["depth"] * lengths
+
+
+def _upsampling_reach(node: Node) -> int:
+    """Four rays stand around a pixel."""
+    return node.params["stride"] if node.params["stride"] > 1 else 0
 
 
 def _work(node: Node) -> float:
@@ -150,10 +161,15 @@ MEDIUM_MAP = Step(
     ordinary_seconds=0.011,
 )
 # A bounded medium's entries and exits along the camera's rays.
-SPANS = Step("volumetric_light/spans", cpu=_spans, gpu=gpu_steps.spans, rate=Rate.SAMPLE)
+SPANS = Step("volumetric_light/spans", cpu=_spans, gpu=gpu_steps.spans, rate=Rate.SAMPLE, croppable=False)
 # Light of one source of a light, scattered once towards the eye (source, eq. 2.2) in a medium without end.
 AIRLIGHT = Step(
-    "volumetric_light/airlight", cpu=_airlight, gpu=gpu_steps.airlight, rate=Rate.SAMPLE, work_of=_work
+    "volumetric_light/airlight",
+    cpu=_airlight,
+    gpu=gpu_steps.airlight,
+    rate=Rate.SAMPLE,
+    croppable=False,
+    work_of=_work,
 )
 # The same in a medium that fills meshes.
 BOUNDED = Step(
@@ -162,6 +178,7 @@ BOUNDED = Step(
     gpu=gpu_steps.bounded_airlight,
     ordinary_seconds=450e-9,
     rate=Rate.SAMPLE,
+    croppable=False,
     work_of=_work,
 )
 # The same by the source's table of the antiderivative (source, listings 2.3 and 2.4).
@@ -170,10 +187,17 @@ BY_TABLE = Step(
     cpu=_by_table,
     gpu=gpu_steps.airlight_by_table,
     rate=Rate.SAMPLE,
+    croppable=False,
     work_of=_work,
 )
 # All sources of a light together, at every pixel.
-SCATTERED = Step("volumetric_light/scattered", cpu=_scattered, gpu=gpu_steps.scattered, rate=Rate.SAMPLE)
+SCATTERED = Step(
+    "volumetric_light/scattered",
+    cpu=_scattered,
+    gpu=gpu_steps.scattered,
+    rate=Rate.SAMPLE,
+    reach=_upsampling_reach,
+)
 # What gets through the medium from a surface to the eye.
 TRANSMITTANCE = Step(
     "volumetric_light/transmittance", cpu=_transmittance, gpu=gpu_steps.transmittance, rate=Rate.SAMPLE

@@ -11,7 +11,7 @@ void main()
   }
   float per_depth = 1.0;
 #ifndef PARALLEL
-  vec2 at = params.first.xy + vec2(pixel) * params.first.zw;
+  vec2 at = params.first.xy + (params.size.zw + vec2(pixel)) * params.first.zw;
   per_depth = sqrt(1.0 + dot(at, at));
 #endif
   float end = min(texelFetch(depth, pixel, 0).r, 1e30) * per_depth, near = params.range.x * per_depth;

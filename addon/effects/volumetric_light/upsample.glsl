@@ -11,10 +11,11 @@ void main()
   }
   int stride = int(params.size.z);
   ivec2 count = ivec2(params.coarser.xy), offset = ivec2(params.coarser.zw);
-  vec2 at = vec2(pixel - offset) / float(stride);
+  ivec2 seen = pixel + stride; // the depth image has as many pixels more at each side
+  vec2 at = vec2(seen - offset) / float(stride);
   vec2 first = clamp(floor(at), vec2(0.0), vec2(max(count, ivec2(2)) - 2));
   vec2 share = clamp(at - first, 0.0, 1.0);
-  float own = texelFetch(depth, pixel, 0).r;
+  float own = texelFetch(depth, seen, 0).r;
   vec3 sum = vec3(0.0);
   float total = 0.0;
   for (int i = 0; i < 4; i++) {

@@ -158,13 +158,17 @@ def test_halftone(stage, anchor, size):
 @pytest.mark.parametrize("width", [1, 4])
 def test_lines_and_outline(stage, wanted, width):
     objects, materials, crease = wanted
-    params = {
-        "view": CAMERA, "visible": stage.everything, "marked": stage.everything - {2}, "width": width,
-        "objects": objects, "materials": materials, "crease": crease,
-        "chunk": Chunk(*SIZE, 20, 70, 0, (0.0, 0.0)),
-    }  # fmt: skip
-    cpu = np.asarray(steps.LINES.cpu(stage.cpu, stage.geometry, **params))
-    gpu = stage.gpu.to_host(steps.LINES.gpu(stage.gpu, stage.gpu_geometry, **params))
+    marked = stage.everything - {2}
+    params = {"marked": marked, "width": width, "objects": objects, "materials": materials, "crease": crease}
+    chunk = Chunk(*SIZE, 20, 70, 0, (0.0, 0.0)).grown(width // 2 + 1)
+    attributes = frozenset(("instance", "object_id", "material", "shading_normal"))
+    cpu, gpu = (
+        SURFACE.twin(device.name)(device, geometry, CAMERA, stage.everything, chunk, attributes)
+        for device, geometry in ((stage.cpu, stage.geometry), (stage.gpu, stage.gpu_geometry))
+    )
+    cpu = np.asarray(steps.LINES.cpu(stage.cpu, cpu, **params))
+    gpu = stage.gpu.to_host(steps.LINES.gpu(stage.gpu, gpu, **params))
+    assert cpu.shape == gpu.shape == (50, SIZE[0])
     assert 0.001 < cpu.mean() < 0.6
     # Each rasteriser may give a silhouette's pixel to the other side, and a line is that many pixels wide.
     assert (cpu != gpu).mean() < 2e-3 * width

@@ -90,15 +90,17 @@ def _made(device, geometry, depth, source, medium, camera, shadowed, stride):
         maps.append(steps.LIGHT_MAP.twin(device.name)(device, layers, view=view))
     windows = 1 if all(name == "" for name, _ in views) else 6
     chunk = Chunk(WIDTH, HEIGHT, 0, HEIGHT, 0, (0.0, 0.0))
+    margin = stride if stride > 1 else 0
     surface = {"depth": device.from_host(depth)}
-    common = {"stride": stride, "chunk": chunk}
+    around = {"depth": device.from_host(np.pad(depth, margin, mode="reflect"))}
     part = steps.AIRLIGHT.twin(device.name)(
-        device, surface, *maps, view=camera, medium=medium, source=source, windows=windows,
-        counts=(len(maps),), order=_order(source), **common
+        device, around, *maps, view=camera, medium=medium, source=source, windows=windows,
+        counts=(len(maps),), order=_order(source), stride=stride, chunk=chunk.grown(margin),
     )  # fmt: skip
     scattered = steps.SCATTERED.twin(device.name)(
-        device, surface, part, part, intensity=(2.0, 1.0, 0.5), shares=(0.25, 0.75), **common
-    )
+        device, around, part, part, view=camera, intensity=(2.0, 1.0, 0.5), shares=(0.25, 0.75),
+        stride=stride, chunk=chunk,
+    )  # fmt: skip
     through = steps.TRANSMITTANCE.twin(device.name)(device, surface, view=camera, medium=medium, chunk=chunk)
     return tuple(device.to_host(image) for image in (part, scattered, through))
 
@@ -170,14 +172,18 @@ def test_coarser_images_are_the_same_on_both(name, camera, stride):
 
 def test_coarse_rays_are_pixels_of_the_image():
     """Every ray of a coarse lattice is one of the full one."""
-    chunk = Chunk(45, 36, 7, 29, 0, (0.3, -0.2))
-    fine = lattice_of(CAMERA, chunk)
-    for stride in (2, 4):
-        coarse = lattice_of(CAMERA, chunk, stride)
-        for axis in range(2):
-            at = (coarse.first[axis] - fine.first[axis]) / fine.step[axis]
-            assert at == pytest.approx(round(at), abs=1e-9)
-            assert coarse.step[axis] == pytest.approx(stride * fine.step[axis])
+    for chunk in (Chunk(45, 36, 7, 29, 0, (0.3, -0.2)), Chunk(45, 36, 7, 29, 0, (0.3, -0.2)).grown(5)):
+        fine = lattice_of(CAMERA, chunk)
+        assert fine.origin == (chunk.x0, chunk.y0)
+        for stride in (2, 4):
+            coarse = lattice_of(CAMERA, chunk, stride)
+            for axis, side in enumerate((coarse.width, coarse.height)):
+                at = coarse.packed()[12 + axis] - fine.packed()[12 + axis]
+                assert at / fine.step[axis] == pytest.approx(coarse.shown[axis], abs=1e-9)
+                assert 0 <= coarse.shown[axis] < stride
+                assert coarse.step[axis] == pytest.approx(stride * fine.step[axis])
+                pixels = chunk.shape[1 - axis]
+                assert coarse.shown[axis] + (side - 1) * stride < pixels <= coarse.shown[axis] + side * stride
 
 
 def _box(low, high):
