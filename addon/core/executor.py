@@ -388,10 +388,3 @@ def _last_uses(graph: Graph, nodes: Sequence[Node], taken: dict[Node, list[Take]
         if item != graph.surface:
             spent.setdefault(node, []).append(item)
     return spent
-
-
-def drain(steps: Iterator[float], progress: Callable[[float], None] | None = None) -> None:
-    """Runs a generator of shares to its end."""
-    for share in steps:
-        if progress:
-            progress(share)

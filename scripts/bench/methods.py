@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import strata_kernels
-from strata.addon.core.executor import Executor, drain
+from strata.addon.core.executor import Executor
 from strata.addon.core.sampling import Sampling
+from strata.tests.support.executing import drain
 
 from .scenes import Case
 

@@ -7,12 +7,11 @@ import subprocess
 import sys
 from dataclasses import replace
 
-import bpy
 import numpy as np
 import pytest
 from strata.addon.bake import Options, bake
 from strata.addon.core.errors import StrataError
-from strata.addon.core.executor import Executor, drain
+from strata.addon.core.executor import Executor
 from strata.addon.core.film import Film
 from strata.addon.core.graph import Node, Step
 from strata.addon.core.memory import MEBIBYTE, MemoryEstimate, in_groups
@@ -20,30 +19,12 @@ from strata.addon.core.sampling import Sampling
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.registry import EFFECTS
 from strata.ops.arguments import build_parser, memory
-from strata.tests.core.test_executor import SHOT, depth_graph, tilted_quad_scene
+from strata.tests.bake.street import street
+from strata.tests.support.executing import SHOT, depth_graph, drain, tilted_quad_scene
 from strata.tests.support.places import SAMPLES
 
 ENDLESS = 1 << 50
 SIZE = (64, 35)  # of no whole tile
-
-
-def street(lamps: int = 3) -> bpy.types.Scene:
-    """Boxes on a plain under point lamps in a row."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    bpy.ops.mesh.primitive_plane_add(size=40.0)
-    for number in range(lamps):
-        x = 3.0 * (number - 0.5 * (lamps - 1))
-        bpy.ops.mesh.primitive_cube_add(size=1.5, location=(x, 1.0, 0.75))
-        data = bpy.data.lights.new("Lamp", "POINT")
-        data.energy, data.shadow_soft_size = 100.0, 0.2
-        lamp = bpy.data.objects.new("Lamp", data)
-        lamp.location = (x + 0.5, -1.0, 3.0)
-        scene.collection.objects.link(lamp)
-    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.camera.location, scene.camera.rotation_euler = (0.0, -9.0, 6.0), (0.96, 0.0, 0.0)
-    scene.collection.objects.link(scene.camera)
-    return scene
 
 
 def options(**more) -> Options:
@@ -121,7 +102,7 @@ def report_of(scene: str, effects=None, budget: int = 0, probes: int = 0, sample
 
 def test_a_street_of_lamps_stays_within_its_budget():
     budget = 350 * MEBIBYTE
-    street = "from strata.tests.bake.test_memory import street\nscene = street(12)"
+    street = "from strata.tests.bake.street import street\nscene = street(12)"
     report = report_of(street, ("soft_shadow",), budget, probes=256, samples=2)
     assert len(report["layers"]) == 12
     told = report["memory"]
@@ -185,7 +166,7 @@ def test_no_room_is_one_line_that_names_what_was_made():
 
 CRAMPED = """
 import resource
-from strata.tests.bake.test_memory import street
+from strata.tests.bake.street import street
 scene = street(1)
 with open("/proc/self/statm") as numbers:
     taken = int(numbers.read().split()[0]) * resource.getpagesize()

@@ -7,15 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from strata.addon.core.effect import LayerKind, Reduce
-from strata.addon.core.executor import Executor, drain
+from strata.addon.core.executor import Executor
 from strata.addon.core.film import Film, takes_of
 from strata.addon.core.graph import Node, PlannedLayer, Rate, Step
 from strata.addon.core.sampling import Sampling
 from strata.addon.core.shot import PixelFilter
 from strata.addon.core.surface import Chunk
 from strata.addon.devices.cpu import CpuDevice
-
-from .test_executor import SIZE, depth_graph, tilted_quad_scene
+from strata.tests.support.executing import SIZE, depth_graph, drain, tilted_quad_scene
 
 BOX = PixelFilter("BOX", 0.5)
 TILES = [None, SIZE[0] * 5, SIZE[0]]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from strata.addon.core.effect import LayerKind
-from strata.addon.core.executor import Executor, drain
+from strata.addon.core.executor import Executor
 from strata.addon.core.film import takes_of
 from strata.addon.core.graph import Graph, Node, PlannedLayer, Rate, Step
 from strata.addon.core.reach import margins_of
@@ -15,6 +15,7 @@ from strata.addon.core.sampling import Sampling
 from strata.addon.core.shader import Shader
 from strata.addon.core.view import View
 from strata.addon.effects.shared.steps import GEOMETRY, SURFACE
+from strata.tests.support.executing import drain
 from strata.tests.support.gpu_scenes import on_both, scene_of, triangle_mesh
 
 SIZE, REACH = (96, 70), 40

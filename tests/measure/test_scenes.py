@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 import strata_kernels
-from strata.addon.core.executor import Executor, drain
+from strata.addon.core.executor import Executor
 from strata.addon.core.graph import Graph, PlannedLayer
 from strata.addon.core.outline import Outline
 from strata.addon.core.recorder import plan
@@ -22,6 +22,7 @@ from strata.addon.effects.soft_shadow import EFFECT
 from strata.addon.measure.measure import Measurement
 from strata.addon.measure.report import LayerError
 from strata.tests.measure.scenes import random_scene, shot_of
+from strata.tests.support.executing import drain
 
 SCENES = 50
 PROBES = 64

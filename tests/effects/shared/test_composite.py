@@ -18,7 +18,7 @@ from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared import composite, lit
 from strata.addon.effects.shared.joins import Join
 from strata.addon.scene.open import choose, open_blend
-from strata.tests.core.test_executor import SHOT, tilted_quad_scene
+from strata.tests.support.executing import SHOT, tilted_quad_scene
 from strata.tests.support.gpu_scenes import gpu_device
 from strata.tests.support.places import SAMPLES
 

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from strata.addon.core.execution import Execution
-from strata.addon.core.executor import Executor, drain
+from strata.addon.core.executor import Executor
 from strata.addon.core.sampling import Sampling
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.measure.image import SUPERSAMPLES, WRONG
+from strata.tests.support.executing import drain
 
 
 @dataclass(frozen=True)
