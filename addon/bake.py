@@ -19,9 +19,10 @@ from .core.execution import Execution
 from .core.executor import Executor
 from .core.free_memory import free_bytes, give_back, held_bytes
 from .core.graph import Graph, PlannedLayer
-from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups
+from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups, without_too_large
 from .core.outline import Outline
 from .core.progress import Forecast
+from .core.reach import fitted
 from .core.recorder import plan
 from .core.roles import Role
 from .core.sampling import Sampling
@@ -113,7 +114,7 @@ def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
     if options.lights is not None:
         lights = enumerate(outline.lights)
         lamps = tuple(index for index, light in lights if options.wants(light.name, light.pass_name))
-    return plan(
+    graph = plan(
         outline,
         shot,
         options.chosen(),
@@ -122,10 +123,16 @@ def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
         lamps=lamps,
         keeps_unused=options.keeps_unused,
     )
+    return without_too_large(graph, outline, sampling_of(graph, options), _budget_bytes(options))
 
 
-def sampling_of(shot: Shot, options: Options) -> Sampling:
-    return Sampling(*shot.computed_size, options.samples, shot.pixel_filter)
+def sampling_of(graph: Graph, options: Options) -> Sampling:
+    shot = graph.shot
+    return fitted(Sampling(*shot.computed_size, options.samples, shot.pixel_filter), graph.nodes())
+
+
+def _budget_bytes(options: Options) -> int:
+    return options.memory_bytes or free_bytes() // 2
 
 
 def groups_of(
@@ -133,10 +140,8 @@ def groups_of(
 ) -> tuple[tuple[Graph, ...], MemoryEstimate]:
     """The graph in graphs that fit into the memory there is, and what a bake takes beside the `held` bytes
     that the process had before."""
-    automatic = options.memory_bytes == 0
-    budget = free_bytes() // 2 if automatic else options.memory_bytes
-    room = ROOM_BYTES if automatic else None
-    return in_groups(graph, outline, sampling_of(graph.shot, options), budget, held, room)
+    room = None if options.memory_bytes else ROOM_BYTES
+    return in_groups(graph, outline, sampling_of(graph, options), _budget_bytes(options), held, room)
 
 
 class BakeJob:
@@ -222,10 +227,9 @@ class BakeJob:
     def _run(self) -> Iterator[None]:
         started = time.perf_counter() - self._read_seconds
         executor = Executor(self.devices.primary, self.devices.fallback, keeps_inputs=False)
-        sampling = sampling_of(self.graph.shot, self.options)
-        pixels = sampling.width * sampling.height * self.options.samples / sampling.chunk_count
-        self._forecast = Forecast([self.graph], sampling.chunk_count, pixels, executor.execution)
+        self._forecast = self._forecast_of([self.graph], executor.execution)
         yield from self._look(executor)
+        sampling = sampling_of(self.graph, self.options)
         outline, options = self.outline, self.options
         execution = executor.execution
         executor.outline = outline
@@ -238,7 +242,7 @@ class BakeJob:
             outlook = MeasuringOutlook(self.graph, outline, options.probes)
             before = self._read_seconds + self._look_seconds
             self._measuring = Measuring(measurement, outlook, executor, outline, self.graph, before)
-        self._forecast = Forecast(groups, sampling.chunk_count, pixels, execution)
+        self._forecast = self._forecast_of(groups, execution)
         errors: dict[str, LayerError | NotMeasured] = {}
         collector = self._measuring and self._measuring.measurement
         for number, group in enumerate(groups):
@@ -318,6 +322,11 @@ class BakeJob:
             self.outline = replace(self.outline, distance_m=device.distance_m)
             self.graph = plan_scene(self.outline, replace(shot, seen=seen), self.options)
             self._look_seconds += time.perf_counter() - started
+
+    def _forecast_of(self, graphs: Sequence[Graph], execution: Execution) -> Forecast:
+        sampling = sampling_of(self.graph, self.options)
+        pixels = sampling.width * sampling.height * self.options.samples / sampling.chunk_count
+        return Forecast(graphs, sampling.chunk_count, pixels, execution)
 
     def _showing[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
         """The same, telling `progress` at its yields."""

@@ -28,6 +28,10 @@ class Rate(IntEnum):
     PICTURE = 2
 
 
+WHOLE = "whole"
+"""Reach of a step that reads all of the image: its tile is the image."""
+
+
 @dataclass(frozen=True)
 class Sum:
     """How a step's value comes apart into nodes whose values add up to it, so that not all of its inputs have
@@ -51,8 +55,8 @@ class Step:
     rate by itself get the pixels and the sample as `chunk` (core/surface.py); what only works on its inputs'
     values needs neither. Inputs of a PICTURE step are finished images.
     `reach`: how many pixels, rows and columns, it reads of its inputs beyond its own pixel, or what gives
-    that of a node. Its inputs then have so many more at each side than `chunk`, also beyond the image
-    (core/reach.py).
+    that of a node, or WHOLE. Its inputs then have so many more at each side than `chunk`, also beyond the
+    image, or are all of it and no more (core/reach.py).
     `copyable`: its value can be moved between devices; if not, the step runs again where it is wanted.
     `croppable`: its value is images (rows, columns[, channels]) of a pixel each; if not, it is made anew for
     a reader that wants fewer pixels around the chunk.
@@ -68,7 +72,7 @@ class Step:
     gpu: Callable | None = None
     hole: str = ""
     rate: Rate = Rate.SCENE
-    reach: int | Callable[[Node], int] = 0
+    reach: int | str | Callable[[Node], int] = 0
     copyable: bool = True
     croppable: bool = True
     bytes_of: Callable[[Node, Outline], int] | None = None

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .film import takes_of
-from .graph import Graph, Node, PlannedLayer, Rate
+from .graph import Graph, LeftOut, Node, PlannedLayer, Rate
 from .outline import Outline
-from .reach import margins_of
+from .reach import fitted, margins_of, reads_whole
 from .sampling import Sampling
 from .surface import ATTRIBUTES
 
@@ -106,6 +106,25 @@ def in_groups(
     graphs = tuple(_graph_of(graph, group.units, number, last) for number, group in enumerate(groups))
     largest = max((group.bytes for group in groups), default=0)
     return graphs, MemoryEstimate(held, layers, sizes.shared, largest, max(len(groups), 1), budget)
+
+
+def without_too_large(graph: Graph, outline: Outline, sampling: Sampling, budget: int) -> Graph:
+    """The graph without layers for which some step reads a whole image at once (Step.reach), where that does
+    not fit into `budget` bytes; it says so."""
+    if not reads_whole(graph.nodes()):
+        return graph
+    whole, kept, left_out = fitted(sampling, graph.nodes()), [], list(graph.left_out)
+    for layer in graph.layers:
+        unit, needed = _Unit(layer, None, (layer.node,)), 0
+        if reads_whole(graph.nodes([layer.node])):
+            sizes = _Sizes(replace(graph, layers=(layer,)), outline, whole)
+            needed = sizes.shared + sizes.image(layer) + sizes.tiles(unit)
+        if needed <= budget:
+            kept.append(layer)
+            continue
+        reason = f"it reads a whole image at once: {size_of(needed)}, over the budget of {size_of(budget)}"
+        left_out.append(LeftOut(layer.name, reason, layer.effect, layer.light))
+    return replace(graph, layers=tuple(kept), left_out=tuple(left_out))
 
 
 @dataclass(frozen=True)

@@ -3,15 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from .film import Take
-from .graph import Graph, Node, Rate
+from .graph import WHOLE, Graph, Node, Rate
+from .sampling import Sampling
 
 
 def reach_of(node: Node) -> int:
     """How many pixels, rows and columns, the node's step reads of its inputs beyond its own pixel."""
     reach = node.step.reach
+    if reach == WHOLE:
+        return 0
     return reach if isinstance(reach, int) else reach(node)
+
+
+def reads_whole(nodes: Iterable[Node]) -> bool:
+    """Whether any of them needs all of a sample's image at once."""
+    return any(node.step.reach == WHOLE and node.rate == Rate.SAMPLE for node in nodes)
+
+
+def fitted(sampling: Sampling, nodes: Iterable[Node]) -> Sampling:
+    """The same; a whole sample at a time where any of the nodes needs that."""
+    if not reads_whole(nodes):
+        return sampling
+    return replace(sampling, tile_pixels=sampling.width * sampling.height)
 
 
 def margins_of(graph: Graph, takes: Iterable[Take]) -> dict[Node, tuple[int, ...]]:

@@ -138,7 +138,9 @@ class Sampling:
     @property
     def tile_rows(self) -> int:
         rows = max(1, (self.tile_pixels or PIXELS_PER_TILE) // self.width)
-        return min(self.height, rows - rows % TILE_ROWS if rows > TILE_ROWS else rows)
+        if rows >= self.height:
+            return self.height
+        return rows - rows % TILE_ROWS if rows > TILE_ROWS else rows
 
     def chunks(self) -> Iterator[Chunk]:
         """Tile by tile, and within a tile sample by sample; or the other way round (`is_progressive`)."""

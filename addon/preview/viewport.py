@@ -15,6 +15,7 @@ from ..core.effect import Reduce
 from ..core.execution import Execution
 from ..core.film import Film, takes_of
 from ..core.graph import Graph, PlannedLayer, Rate
+from ..core.reach import fitted
 from ..core.sampling import Sampling
 from ..core.surface import Chunk
 from ..scene.viewport import Placement
@@ -227,6 +228,7 @@ class Viewport:
             tile_pixels=TILE_PIXELS,
             is_progressive=True,
         )
+        sampling = fitted(sampling, graph.nodes())
         executor, epoch, execution = session.executor, next(_epochs), Execution()
         takes = [replace(take, has_spread=True) for take in takes_of(graph)]
         shown = started

@@ -9,18 +9,21 @@ import pytest
 from strata.addon.core.effect import LayerKind
 from strata.addon.core.executor import Executor
 from strata.addon.core.film import takes_of
-from strata.addon.core.graph import Graph, Node, PlannedLayer, Rate, Step
-from strata.addon.core.reach import margins_of
+from strata.addon.core.graph import WHOLE, Graph, Node, PlannedLayer, Rate, Step
+from strata.addon.core.memory import without_too_large
+from strata.addon.core.reach import fitted, margins_of, reads_whole
 from strata.addon.core.sampling import Sampling
 from strata.addon.core.shader import Shader
 from strata.addon.core.view import View
 from strata.addon.effects.shared.steps import GEOMETRY, SURFACE
-from strata.tests.support.executing import drain
+from strata.tests.support.executing import drain, tilted_quad_scene
 from strata.tests.support.gpu_scenes import on_both, scene_of, triangle_mesh
 
 SIZE, REACH = (96, 70), 40
 VIEW = View((0, 0, 3), (1, 0, 0), (0, 1, 0), (0, 0, -1), (-0.4, 0.4, -0.3, 0.3), 0.1, 100.0)
 TILES = [SIZE[0] * rows for rows in (70, 48, 17, 1)]
+# One triangle that fills the view and what is read around it: no outline that a GPU may move.
+FILLED = scene_of([triangle_mesh([[(-9, -9, -1), (9, -9, 0.5), (0, 12, 0)]])])
 SHADER = Shader(
     "../tests/core/test_reach.glsl",
     samplers=(("depth", "FLOAT_2D"),),
@@ -61,8 +64,7 @@ def graph() -> Graph:
 
 @pytest.fixture(params=[0, 1], ids=["cpu", "gpu"])
 def device(request):
-    # One triangle that fills the view and what is read around it: no outline that a GPU may move.
-    return on_both(*scene_of([triangle_mesh([[(-9, -9, -1), (9, -9, 0.5), (0, 12, 0)]])]))[request.param][0]
+    return on_both(*FILLED)[request.param][0]
 
 
 def images(device, sampling: Sampling, graph: Graph) -> dict[str, np.ndarray]:
@@ -102,3 +104,25 @@ def test_only_what_neighbours_are_read_of_is_worked_out_around_a_tile():
     assert (alone, near, far) == ((0,), (40, 0), (0,))
     assert found[made.surface] == (80, 40, 0)
     assert all(layer.node.rate == Rate.SAMPLE for layer in made.layers)
+
+
+def test_a_step_that_reads_a_whole_image_gets_it_or_is_left_out():
+    def share(device, surface):
+        return surface["depth"] / np.float32(surface["depth"].sum(dtype=np.float64))
+
+    made = graph()
+    step = Step("share", cpu=share, hole="a sum over all pixels", reach=WHOLE)
+    node = Node(step, "", (made.surface,), {})
+    layers = (made.layers[0], PlannedLayer("Share", "test", node, LayerKind("Share", "Z")))
+    made = replace(made, layers=layers)
+    sampling = Sampling(*SIZE, 2, tile_pixels=TILES[2])
+    found = images(on_both(*FILLED)[0][0], fitted(sampling, made.nodes()), made)
+    assert found["Share"].sum(dtype=np.float64) == pytest.approx(1.0, abs=1e-5)
+    assert reads_whole(made.nodes())
+    assert not reads_whole(made.nodes([layers[0].node]))
+    outline = tilted_quad_scene()[0]
+    assert without_too_large(made, outline, sampling, 1 << 40) == made
+    fewer = without_too_large(made, outline, sampling, 1 << 20)
+    assert fewer.layers == layers[:1]
+    assert [(each.what, each.effect) for each in fewer.left_out] == [("Share", "test")]
+    assert "over the budget of 1 MB" in fewer.left_out[0].reason
