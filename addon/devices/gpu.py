@@ -284,7 +284,12 @@ class GpuDevice:
         program.bind()
         block = None
         if shader.params:
-            values = params.packed() if isinstance(params, Uniforms) else _rows_of(shader.params, params)
+            if isinstance(shader.params, type):
+                if type(params) is not shader.params:
+                    raise TypeError(f"{shader.name} takes {shader.params.__name__}")
+                values = params.packed()
+            else:
+                values = _rows_of(shader.params, params)
             block = self._gpu.types.GPUUniformBuf(values)
             program.uniform_block("params", block)
         for name, _kind in shader.samplers:

@@ -28,16 +28,16 @@ float covered(vec2 low, vec2 high, float above, vec2 share, vec2 start)
   return (to.x - from.x) * (to.y - from.y);
 }
 
-// One region, on a level coarse enough for params.settings.x texels: region.rs `whole`. -1: there is none.
+// One region, on a level coarse enough for params.most_texels texels: region.rs `whole`. -1: there is none.
 int whole_region(Search search, out Region region)
 {
-  int levels = int(params.bias.z);
+  int levels = int(params.levels);
   for (int level = 0; level < levels; level++) {
     if (!around(search, search.above, level, region)) {
       return -1;
     }
     ivec2 size = region.high - region.low;
-    if (float(size.x) * float(size.y) <= params.settings.x) {
+    if (float(size.x) * float(size.y) <= params.most_texels) {
       return level;
     }
   }
@@ -54,8 +54,8 @@ float area_hidden(Seen seen, Search search)
   if (level < 0) {
     return 0.0;
   }
-  vec2 texel_size = params.window.zw * float(1 << level);
-  vec2 at = (seen.window - params.window.xy) / texel_size;
+  vec2 texel_size = params.texel_size * float(1 << level);
+  vec2 at = (seen.window - params.window_low) / texel_size;
   vec2 size = seen.bounds.yw - seen.bounds.xz;
   vec2 share = texel_size / size, start = seen.bounds.xz / size;
   vec2 inner_low = (params.inner.xz - seen.window) / texel_size;

@@ -37,7 +37,7 @@ void answer(ivec2 pixel, float share, uint doubt)
 Bits hidden_before(Seen seen, ivec2 pixel, bool at_horizon)
 {
 #  ifdef NESTED
-  if (params.settings.w > params.nest.x) {
+  if (params.index > params.nest_first) {
     ivec2 at = ivec2(2, 1) * pixel;
     return Bits(imageLoad(hidden_bits, at), imageLoad(hidden_bits, at + ivec2(1, 0)));
   }
@@ -62,7 +62,7 @@ void evaluate(Seen seen, ivec2 pixel, uint doubt)
   doubt = readable ? doubt : 0u;
   unsure = unsure || (readable && at_horizon) || doubt == 1u;
 #  endif
-  bool leave_uncertain = params.window_high.w > 0.0; // rays will replace it
+  bool leave_uncertain = params.leaves_uncertain > 0.0; // rays will replace it
   if (doubt >= 2u || (unsure && leave_uncertain)) {
     answer(pixel, 1.0, doubt >= 2u ? 2u : 1u);
     return;
@@ -82,7 +82,7 @@ void evaluate(Seen seen, ivec2 pixel, uint doubt)
   }
 #  endif
 #  ifdef NESTED
-  if (params.settings.w + 1.0 < params.nest.y) {
+  if (params.index + 1.0 < params.nest_end) {
     ivec2 at = ivec2(2, 1) * pixel;
     imageStore(hidden_bits, at, hidden.low);
     imageStore(hidden_bits, at + ivec2(1, 0), hidden.high);
@@ -114,20 +114,20 @@ ivec2 own_pixel()
 
 void main()
 {
-  ivec2 pixel = own_pixel() * int(params.size.z);
-  if (any(greaterThanEqual(pixel, ivec2(params.size.xy)))) {
+  ivec2 pixel = own_pixel() * int(params.stride);
+  if (any(greaterThanEqual(pixel, ivec2(params.size)))) {
     return;
   }
 #ifdef BETWEEN
-  if (all(equal(pixel % int(params.size.w), ivec2(0)))) {
+  if (all(equal(pixel % int(params.spacing), ivec2(0)))) {
     return; // of the grid
   }
 #endif
   uint chosen = texelFetch(choice, pixel, 0).r;
 #ifdef NESTED
-  bool reads = chosen / 4u > uint(params.nest.x) && chosen / 4u <= uint(params.nest.y);
+  bool reads = chosen / 4u > uint(params.nest_first) && chosen / 4u <= uint(params.nest_end);
 #else
-  bool reads = chosen / 4u == uint(params.settings.w + 1.0);
+  bool reads = chosen / 4u == uint(params.index + 1.0);
 #endif
   if (!reads) {
     return;

@@ -3,14 +3,14 @@
 
 // For which rises above the point a level answers. Thesis 5.3.3 strides over a search region with too many texels.
 // Instead, every level answers for the occluders whose texels look about equally large from the point: far above it a
-// coarse map shows as much as a fine one shows close to it. No level has many more than params.settings.x texels.
+// coarse map shows as much as a fine one shows close to it. No level has many more than params.most_texels texels.
 vec2 band_of(Search search, int level)
 {
   float light = (search.reach.y - search.reach.x) * (search.reach.w - search.reach.z);
-  // With texels of level 0, this far above the point the light covers params.settings.x of them.
-  float unit = sqrt(params.settings.x / light);
+  // With texels of level 0, this far above the point the light covers params.most_texels of them.
+  float unit = sqrt(params.most_texels / light);
   return vec2(level == 0 ? 0.0 : 0.5 * unit * float(1 << level),
-              level + 1 == int(params.bias.z) ? INFINITE : 0.5 * unit * float(2 << level));
+              level + 1 == int(params.levels) ? INFINITE : 0.5 * unit * float(2 << level));
 }
 
 // Projects all texels that may hide something. Invocations that run side by side look at different blocks and texels, so
@@ -18,7 +18,7 @@ vec2 band_of(Search search, int level)
 // their texels matter, and those are projected.
 void backproject_bands(Seen seen, Search search, inout Bits hidden)
 {
-  int level = int(params.bias.z);
+  int level = int(params.levels);
   Looked looked;
   ivec2 first = ivec2(0), last = ivec2(-1);
   ivec3 block = ivec3(0); // column, row, layer

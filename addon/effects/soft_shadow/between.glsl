@@ -16,7 +16,7 @@ bool on_one_surface(vec3 place, vec3 facing, vec3 shaded, ivec2 corner)
 // Whether the visibility of a point, `share`, follows from the corners of its cell of the grid of evaluated points.
 bool is_between(ivec2 pixel, out float share)
 {
-  int spacing = int(params.size.w);
+  int spacing = int(params.spacing);
   ivec2 cell = pixel / spacing * spacing;
   vec2 part = vec2(pixel - cell) / float(spacing);
   // On a line of the grid two of the corners do not count.
@@ -29,7 +29,7 @@ bool is_between(ivec2 pixel, out float share)
   for (int i = 0; i <= far.y; i++) {
     for (int j = 0; j <= far.x; j++) {
       ivec2 corner = cell + ivec2(j, i) * spacing;
-      if (any(greaterThanEqual(corner, ivec2(params.size.xy))) || !on_one_surface(place, facing, shaded, corner) ||
+      if (any(greaterThanEqual(corner, ivec2(params.size))) || !on_one_surface(place, facing, shaded, corner) ||
           imageLoad(uncertain, corner).r != 0u)
       {
         return false;

@@ -78,8 +78,8 @@ struct Looked {
 
 Looked look_at(Seen seen, int level, vec2 band)
 {
-  vec2 texel_size = params.window.zw * float(1 << level);
-  vec2 at = (seen.window - params.window.xy) / texel_size;
+  vec2 texel_size = params.texel_size * float(1 << level);
+  vec2 at = (seen.window - params.window_low) / texel_size;
   return Looked(level, band, texel_size, at, params.inner - seen.window.xxyy);
 }
 

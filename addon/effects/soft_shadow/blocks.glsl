@@ -18,7 +18,7 @@ void main()
   ivec2 place = ivec2(gl_GlobalInvocationID.xy);
   int level = level_at(block_count(0), place);
   ivec2 block = place - level_place(block_count(0), level);
-  if (level >= int(params.bias.z) || any(greaterThanEqual(block, block_count(level)))) {
+  if (level >= int(params.levels) || any(greaterThanEqual(block, block_count(level)))) {
     return;
   }
   ivec2 first = block * BLOCK, size = level_size(level);

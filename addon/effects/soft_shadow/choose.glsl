@@ -29,7 +29,7 @@ uint doubt_of(Seen seen)
   }
 #ifdef BESIDE
   ivec2 cells = textureSize(beside, 0);
-  vec2 place = (seen.window - params.window.xy) / (params.window_high.xy - params.window.xy);
+  vec2 place = (seen.window - params.window_low) / (params.window_high - params.window_low);
   ivec2 cell = clamp(ivec2(place * vec2(cells)), ivec2(0), cells - 1);
   if (texelFetch(beside, cell, 0).r != 0u) {
     return CLOSE;
@@ -56,19 +56,19 @@ bool knows_all(Seen seen)
 
 void store(ivec2 pixel, uint doubt)
 {
-  imageStore(choice, pixel, uvec4(4u * uint(params.settings.w + 1.0) + doubt));
+  imageStore(choice, pixel, uvec4(4u * uint(params.index + 1.0) + doubt));
 }
 
 void main()
 {
   ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-  if (any(greaterThanEqual(pixel, ivec2(params.size.xy)))) {
+  if (any(greaterThanEqual(pixel, ivec2(params.size)))) {
     return;
   }
   uint before = imageLoad(choice, pixel).r;
-  uint map = before / 4u, own = uint(params.settings.w + 1.0);
-  bool is_widest = own == uint(params.nest.y);
-  bool may_choose = is_widest ? map == 0u : own < map && map <= uint(params.nest.y);
+  uint map = before / 4u, own = uint(params.index + 1.0);
+  bool is_widest = own == uint(params.nest_end);
+  bool may_choose = is_widest ? map == 0u : own < map && map <= uint(params.nest_end);
   vec3 facing = vec3(0.0);
 #ifdef DOUBT
   facing = texelFetch(geometric_normal, pixel, 0).xyz;
@@ -78,13 +78,13 @@ void main()
     return;
   }
   if (!is_widest) {
-    vec4 window = vec4(params.window.x, params.window_high.x, params.window.y, params.window_high.y);
+    vec4 window = vec4(params.window_low.x, params.window_high.x, params.window_low.y, params.window_high.y);
     if (holds(window, seen.window)) {
       store(pixel, (before & 3u) | doubt_of(seen));
     }
     return;
   }
-  bool is_alone = params.nest.z > 0.0;
+  bool is_alone = params.is_alone > 0.0;
   if (is_alone || max(abs(seen.window.x), abs(seen.window.y)) <= FACE) {
     store(pixel, (knows_all(seen) ? 0u : UNSURE) | doubt_of(seen));
   }

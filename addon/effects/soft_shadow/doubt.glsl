@@ -11,8 +11,8 @@ const float CONTACT = 16.0;
 // more layers than are kept), or knows an occluder almost in contact with it.
 bool near_contact(Seen seen)
 {
-  vec2 texel_size = params.window.zw;
-  vec2 at = (seen.window - params.window.xy) / texel_size;
+  vec2 texel_size = params.texel_size;
+  vec2 at = (seen.window - params.window_low) / texel_size;
   vec2 middle = floor(at);
   bool inside = all(greaterThanEqual(middle, vec2(1.0))) && all(lessThanEqual(middle + 2.0, vec2(map_size())));
   float texel = max(texel_size.x, texel_size.y);

@@ -5,12 +5,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ...core.emitter import Emitter, EmitterKind
 from ...core.shader import LARGEST, Shader
+from ...core.uniforms import Four, Three, Two, Uniforms
 from ...core.view import View
 from ..shared.membership import mask_table
 from .params import Method
@@ -23,32 +25,85 @@ SMALLEST_LEVEL = 2 * BLOCK  # texels: no level of a map is smaller
 SHARPEST = 1e30  # a hard edge (light.rs)
 NOWHERE = (LARGEST, -LARGEST, LARGEST, -LARGEST)  # a window that holds nothing
 
-MAP_PARAMS = ("map", "bias")
+
+@dataclass(frozen=True)
+class MapParams(Uniforms):
+    """Of a prepared map (map.glsl): texels of a layer, `columns` of layers side by side, and the bias along
+    slopes."""
+
+    map_size: Two = (0.0, 0.0)
+    layers: float = 0.0
+    columns: float = 0.0
+    gradient_scale: float = 0.0
+    gradient_cap_m: float = 0.0
+    levels: float = 0.0
+    nodes: float = 0.0
+
+
+@dataclass(frozen=True)
+class PrepareParams(MapParams):
+    """`depth_columns`: layers side by side in the depths that are read."""
+
+    depth_columns: float = 0.0
+
+
+@dataclass(frozen=True)
+class PyramidParams(MapParams):
+    """`level` that is made."""
+
+    level: float = 0.0
+
+
+@dataclass(frozen=True)
+class LightParams(MapParams):
+    """A light, in the axes of its map's view (light.rs), and what is to be done: for `size` pixels, every
+    `stride`-th of them, of a grid of `spacing`; for the map `index` of those from `nest_first` to `nest_end`,
+    which is the only such run where it `is_alone`; -1 for no map. `eye_offset`: from the view's eye to the
+    surface's in those axes, `from_light` in the world's; `inner`: the window of the next smaller map."""
+
+    size: Two = (0.0, 0.0)
+    stride: float = 1.0
+    spacing: float = 1.0
+    most_texels: float = 0.0
+    refinements: float = 0.0
+    index: float = -1.0
+    nest_first: float = 0.0
+    nest_end: float = 0.0
+    is_alone: float = 0.0
+    window_low: Two = (0.0, 0.0)
+    texel_size: Two = (0.0, 0.0)
+    window_high: Two = (0.0, 0.0)
+    leaves_uncertain: float = 0.0
+    inner: Four = (0.0, 0.0, 0.0, 0.0)
+    axis_x: Three = (0.0, 0.0, 0.0)
+    axis_y: Three = (0.0, 0.0, 0.0)
+    axis_z: Three = (0.0, 0.0, 0.0)
+    eye_offset: Three = (0.0, 0.0, 0.0)
+    from_light: Three = (0.0, 0.0, 0.0)
+    half_size: Two = (0.0, 0.0)
+    tan_half_spread: float = 0.0
+    cos_cone: float = 0.0
+    cone_sharpness: float = 0.0
+    cone_axis: Three = (0.0, 0.0, 0.0)
+
+
 PREPARE = Shader(
     f"{FOLDER}/prepare.glsl",
     samplers=(("depths", "FLOAT_2D"),),
     images=(("texels", "RGBA32UI", "WRITE"), ("pyramid", "RG32F", "WRITE")),
-    params=(*MAP_PARAMS, "depths"),
+    params=PrepareParams,
     group=(64, 1),  # along a row: of large maps each is a page of memory
 )
-COARSER = Shader(f"{FOLDER}/coarser.glsl", images=(("texels", "RGBA32UI", "READ_WRITE"),), params=MAP_PARAMS)
-PYRAMID = Shader(
-    f"{FOLDER}/pyramid.glsl", images=(("pyramid", "RG32F", "READ_WRITE"),), params=(*MAP_PARAMS, "level")
-)
+COARSER = Shader(f"{FOLDER}/coarser.glsl", images=(("texels", "RGBA32UI", "READ_WRITE"),), params=MapParams)
+PYRAMID = Shader(f"{FOLDER}/pyramid.glsl", images=(("pyramid", "RG32F", "READ_WRITE"),), params=PyramidParams)
 BLOCKS = Shader(
     f"{FOLDER}/blocks.glsl",
     samplers=(("texels", "UINT_2D"),),
     images=(("blocks", "RGBA32UI", "WRITE"),),
-    params=MAP_PARAMS,
+    params=MapParams,
     group=(64, 1),
 )
 FIRST_ROWS = Shader(f"{FOLDER}/first_rows.glsl", images=(("rows", "RG32UI", "WRITE"),))
-LIGHT_PARAMS = (
-    *MAP_PARAMS,
-    *("size", "settings", "window", "window_high", "inner", "nest"),
-    *("axis_x", "axis_y", "axis_z", "from_light"),
-    *("light", "radiance", "cone_axis"),
-)
 CHOOSE = Shader(
     f"{FOLDER}/choose.glsl",
     samplers=(
@@ -58,7 +113,7 @@ CHOOSE = Shader(
         ("texels", "UINT_2D"),
     ),
     images=(("choice", "R32UI", "READ_WRITE"),),
-    params=LIGHT_PARAMS,
+    params=LightParams,
 )
 BACKPROJECT = Shader(
     f"{FOLDER}/backproject.glsl",
@@ -69,7 +124,7 @@ BACKPROJECT = Shader(
         ("shading_normal", "FLOAT_2D"),
     ),
     images=(("visibility", "R32F", "WRITE"), ("uncertain", "R32UI", "WRITE")),
-    params=LIGHT_PARAMS,
+    params=LightParams,
 )
 RECEIVERS = Shader(
     f"{FOLDER}/receivers.glsl",
@@ -166,21 +221,24 @@ def prepare(device, depth, view: View, gradient_scale: float, gradient_cap_m: fl
     across, along = -(-width // BLOCK), -(-height // BLOCK)
     # In map.glsl's layout a level may start a block later than the halves before it end.
     blocks = device.new_image((layers * (along + along // 2 + 1), across + levels, 4), np.uint32)
-    params = {
-        "map": (width, height, layers, columns),
-        "bias": (gradient_scale, min(gradient_cap_m, LARGEST), levels, nodes),
-        "depths": (depth.columns,),
-    }
-    shader = _map_variant(PREPARE, view.orthographic)
-    device.dispatch(
-        shader, (pairs, height), {"texels": texels, "pyramid": pyramid}, {"depths": depth}, params
+    params = MapParams(
+        map_size=(width, height),
+        layers=layers,
+        columns=columns,
+        gradient_scale=gradient_scale,
+        gradient_cap_m=min(gradient_cap_m, LARGEST),
+        levels=levels,
+        nodes=nodes,
     )
+    shader, images = _map_variant(PREPARE, view.orthographic), {"texels": texels, "pyramid": pyramid}
+    told = PrepareParams(**vars(params), depth_columns=depth.columns)
+    device.dispatch(shader, (pairs, height), images, {"depths": depth}, told)
     if levels > 1:
         size = pairs + levels, height // 2 * layers
         device.dispatch(COARSER, size, {"texels": texels}, {}, params)
     for level in range(1, nodes):
         size = -(-width // (1 << level)), -(-height // (1 << level))
-        device.dispatch(PYRAMID, size, {"pyramid": pyramid}, {}, params | {"level": (level,)})
+        device.dispatch(PYRAMID, size, {"pyramid": pyramid}, {}, PyramidParams(**vars(params), level=level))
     size = across + levels, along + along // 2 + 1
     device.dispatch(BLOCKS, size, {"blocks": blocks}, {"texels": texels}, params)
     return {"texels": texels, "pyramid": pyramid, "blocks": blocks, "view": view, "params": params}
@@ -203,7 +261,7 @@ def backproject(
         raise ValueError("max_samples is at least 1")
     prepared_maps, tables = maps_and_tables[:maps], maps_and_tables[maps:]
     is_area = method == Method.AREA.value
-    if is_area and any(prepared["params"]["map"][2] < 2 for prepared in prepared_maps):
+    if is_area and any(prepared["params"].layers < 2 for prepared in prepared_maps):
         raise ValueError("area needs maps of at least two layers")
     position = surface["position"]
     shape = position.shape[:2]
@@ -214,8 +272,12 @@ def backproject(
     device.clear(uncertain, 0)
     device.clear(choice, 0)
     nests = _nests([prepared["view"] for prepared in prepared_maps])
-    settings = max_samples, refinements, 0.0
-    leave_uncertain = float(method == Method.HYBRID.value)  # rays will replace it
+    settings = {
+        "size": size,
+        "most_texels": max_samples,
+        "refinements": refinements,
+        "leaves_uncertain": float(method == Method.HYBRID.value),  # rays will replace it
+    }
     outputs = {"visibility": visibility, "uncertain": uncertain}
     written = {"visibility": visibility} if is_area else dict(outputs)
     hidden_bits = {}
@@ -227,31 +289,30 @@ def backproject(
     for nest in nests:
         for index in range(*nest):
             defines, bound, params = _of_map(prepared_maps, index, nest, emitter, eye)
-            window_high = (*params["window_high"], 0.0, leave_uncertain)
-            told = {"settings": (*settings, index), "nest": (*nest, nests == [nest])}
-            runs.append((defines, samplers | bound, params | told | {"window_high": window_high}))
+            start, end = nest
+            told = {"index": index, "nest_first": start, "nest_end": end, "is_alone": nests == [nest]}
+            runs.append((defines, samplers | bound, replace(params, **settings, **told)))
     for start, end in nests:
         for index in reversed(range(start, end)):
             defines, bound, params = runs[index]
             shader = _choose_variant(defines, method, bool(tables))
             bound = bound | ({"beside": tables[index]} if tables else {})
-            device.dispatch(shader, size, {"choice": choice}, bound, params | {"size": size})
+            device.dispatch(shader, size, {"choice": choice}, bound, params)
     if not is_area:  # without a map the thesis's sum is 1
         for view in _default_views(emitter):
             shader = _backproject_variant(_light_defines(emitter, view.orthographic), "unmapped")
-            params = dict.fromkeys(LIGHT_PARAMS, ()) | _light_params(emitter, view, eye)
-            params |= {"size": (*size, 1, 1), "settings": (*settings, -1)}
-            params |= {"window_high": (0.0, 0.0, 0.0, leave_uncertain)}
+            params = LightParams(**_light_params(emitter, view, eye), **settings)
             device.dispatch(shader, size, outputs, samplers, params)
     # All points; or those of a grid, and then what lies between.
     strides = ((1, False),) if spacing == 1 or is_area else ((spacing, False), (1, True))
     for stride, between in strides:
         points = tuple(-(-side // stride) for side in size)
         for defines, bound, params in runs:
-            nested = params["nest"][1] - params["nest"][0] > 1
+            nested = params.nest_end - params.nest_first > 1
             shader = _backproject_variant((*defines, *["NESTED"] * nested), method, between)
             images = written | hidden_bits if nested else written
-            device.dispatch(shader, points, images, bound, params | {"size": (*size, stride, spacing)})
+            told = replace(params, stride=stride, spacing=spacing)
+            device.dispatch(shader, points, images, bound, told)
     for image in hidden_bits.values():
         device.release(image)
     device.release(choice)
@@ -272,8 +333,8 @@ def _of_map(prepared_maps, index: int, nest: tuple[int, int], emitter: Emitter, 
     view = prepared["view"]
     defines = _light_defines(emitter, view.orthographic)
     inner = _seen_from(view, prepared_maps[index - 1]["view"]) if index > nest[0] else NOWHERE
-    params = prepared["params"] | _light_params(emitter, view, eye) | {"inner": inner}
-    params |= _window_params(view, prepared["params"]["map"])
+    told = _light_params(emitter, view, eye) | _window_params(view, prepared["params"].map_size)
+    params = LightParams(**vars(prepared["params"]), **told, inner=inner)
     return defines, {name: prepared[name] for name in ("texels", "pyramid", "blocks")}, params
 
 
@@ -310,28 +371,33 @@ def _first_rows(device):
     return device.kept("soft_shadow/first_rows", make)
 
 
-def _light_params(emitter: Emitter, view: View, eye) -> dict[str, tuple[float, ...]]:
+def _light_params(emitter: Emitter, view: View, eye) -> dict[str, Any]:
     """The light in the axes of a view, composed in float64: light.rs `Light::new`."""
     axes = np.array([view.right, view.up, view.forward])
     offset = np.array(eye, np.float64) - np.array(view.eye)
     edge = (1.0 - emitter.cos_cone) * emitter.blend
     sharpness = min(1.0 / edge, SHARPEST) if edge > 0.0 else SHARPEST
-    names = ("axis_x", "axis_y", "axis_z")
-    params = {name: (*axis, axis @ offset) for name, axis in zip(names, axes, strict=True)}
-    return params | {
-        "light": (emitter.half_width, emitter.half_height),
-        "radiance": (min(emitter.tan_half_spread, LARGEST), emitter.cos_cone, sharpness),
-        "cone_axis": tuple(axes @ np.array(emitter.forward)),
+    return {
+        "axis_x": view.right,
+        "axis_y": view.up,
+        "axis_z": view.forward,
+        "eye_offset": tuple(axis @ offset for axis in axes),
         "from_light": tuple(offset),
+        "half_size": (emitter.half_width, emitter.half_height),
+        "tan_half_spread": min(emitter.tan_half_spread, LARGEST),
+        "cos_cone": emitter.cos_cone,
+        "cone_sharpness": sharpness,
+        "cone_axis": tuple(axes @ np.array(emitter.forward)),
     }
 
 
-def _window_params(view: View, map_params: tuple[float, ...]) -> dict[str, tuple[float, ...]]:
+def _window_params(view: View, map_size: Two) -> dict[str, Two]:
     left, right, bottom, top = view.window
-    width, height = map_params[:2]
+    width, height = map_size
     return {
-        "window": (left, bottom, (right - left) / width, (top - bottom) / height),
+        "window_low": (left, bottom),
         "window_high": (right, top),
+        "texel_size": ((right - left) / width, (top - bottom) / height),
     }
 
 

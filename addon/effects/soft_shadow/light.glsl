@@ -56,7 +56,7 @@ void bound_samples(inout Seen seen)
   float smallest = SMALLEST_HALF_SIZE * base.z;
 #ifdef ROUND
   float distance2 = dot(base, base);
-  float sin2 = params.light.x * params.light.x / distance2;
+  float sin2 = params.half_size.x * params.half_size.x / distance2;
 #  ifdef FACING
   sin2 /= 1.0 + sin2; // a facing disk looks like the sphere whose rim it is
 #  endif
@@ -67,7 +67,7 @@ void bound_samples(inout Seen seen)
   float radius2 = sin2 * distance2;
   seen.bounds = vec4(tangent_roots(base.x, base.z, radius2), tangent_roots(base.y, base.z, radius2));
 #else
-  vec2 half_size = max(params.light.xy, vec2(smallest));
+  vec2 half_size = max(params.half_size, vec2(smallest));
   seen.bounds = vec4(-half_size.x, half_size.x, -half_size.y, half_size.y);
 #endif
 }
@@ -75,13 +75,13 @@ void bound_samples(inout Seen seen)
 // False: the point is not in front of the light's plane, or is not finite.
 bool see(vec3 position, vec3 geometric_normal, vec3 shading_normal, out Seen seen)
 {
-  vec3 at = to_view(position) + vec3(params.axis_x.w, params.axis_y.w, params.axis_z.w);
+  vec3 at = to_view(position) + params.eye_offset.xyz;
   seen.geometric_normal = to_view(geometric_normal);
   seen.shading_normal = to_view(shading_normal);
   seen.sin2_rim = 0.0;
   seen.too_close = false;
   seen.bounds = vec4(0.0);
-  float rounding = ROUNDING * (dot(abs(params.axis_z.xyz), abs(position)) + abs(params.axis_z.w));
+  float rounding = ROUNDING * (dot(abs(params.axis_z.xyz), abs(position)) + abs(params.eye_offset.z));
 #ifdef ORTHOGRAPHIC
   seen.window = at.xy;
   seen.rise = -at.z;
@@ -139,7 +139,7 @@ bool reaches(Seen seen)
   // Written so that a NaN in a normal reads as no light.
   bool above = height_range(seen, seen.shading_normal).y > 0.0;
 #ifdef CONE
-  float sin2_rim = seen.sin2_rim * (1.0 + 0.5 / RIM), cos_cone = params.radiance.y;
+  float sin2_rim = seen.sin2_rim * (1.0 + 0.5 / RIM), cos_cone = params.cos_cone;
   float sin2_cone = 1.0 - cos_cone * cos_cone;
   float cos_both = cos_cone * sqrt(max(1.0 - sin2_rim, 0.0)) - sqrt(sin2_cone * sin2_rim);
   // Less than a hundred-thousandth is rounding.
@@ -167,11 +167,11 @@ float sample_weight(Seen seen, vec2 place)
 #endif
   weight *= clamp(0.5 + RIM * (1.0 - radius2), 0.0, 1.0);
 #ifdef SPREAD
-  weight *= max(params.radiance.x - length(to_light.xy) / seen.base.z, 0.0);
+  weight *= max(params.tan_half_spread - length(to_light.xy) / seen.base.z, 0.0);
 #endif
 #ifdef CONE
   float cos_axis = -dot(to_light, params.cone_axis.xyz) * inversesqrt(length2);
-  float t = clamp((cos_axis - params.radiance.y) * params.radiance.z, 0.0, 1.0);
+  float t = clamp((cos_axis - params.cos_cone) * params.cone_sharpness, 0.0, 1.0);
   weight *= t * t * (3.0 - 2.0 * t);
 #endif
   return weight;

@@ -3,7 +3,7 @@
 // Depths are kept as `rise`, a number that grows towards the light and is linear over planes: 1/depth in a
 // perspective view, -depth in an orthographic one.
 //
-// `texels` has a cell a layer, params.map.w cells side by side, with two neighbouring texels in each of its own: the
+// `texels` has a cell a layer, params.columns cells side by side, with two neighbouring texels in each of its own: the
 // bits of their rises, and their tilts. `pyramid` is one cell of (largest rise, largest biased rise), its sizes rounded
 // up. `blocks` has cells above each other, with levels in blocks of texels: the bits of the highest and the lowest rise,
 // of the rise in the middle of a plane that just clears the highest, and that plane's tilt.
@@ -26,12 +26,12 @@ vec2 unpack_tilt(uint bits)
 
 ivec2 map_size()
 {
-  return ivec2(params.map.xy);
+  return ivec2(params.map_size);
 }
 
 int map_layers()
 {
-  return int(params.map.z);
+  return int(params.layers);
 }
 
 // Column and row of a layer where so many lie side by side. By floats: processors divide integers one by one.
@@ -56,7 +56,7 @@ ivec2 level_place(ivec2 finest, int level)
 int level_at(ivec2 finest, ivec2 place)
 {
   int level = place.y < finest.y ? 0 : 1;
-  while (level > 0 && level + 1 < int(params.bias.z) && place.x >= level_place(finest, level + 1).x) {
+  while (level > 0 && level + 1 < int(params.levels) && place.x >= level_place(finest, level + 1).x) {
     level++;
   }
   return level;
@@ -72,8 +72,8 @@ ivec2 pair_count(int level)
 ivec2 pair_place(int layer, int level)
 {
   ivec2 finest = pair_count(0);
-  ivec2 cell = ivec2(finest.x + int(params.bias.z), finest.y + (finest.y >> 1));
-  return cell * cell_of(layer, params.map.w) + level_place(finest, level);
+  ivec2 cell = ivec2(finest.x + int(params.levels), finest.y + (finest.y >> 1));
+  return cell * cell_of(layer, params.columns) + level_place(finest, level);
 }
 
 // Of a pair the texel in an even or in an odd column.
@@ -121,5 +121,5 @@ float gradient_bias(float rise, vec2 tilt)
 #else
   float metre = rise * rise;
 #endif
-  return min(params.bias.x * max(abs(tilt.x), abs(tilt.y)), params.bias.y * metre);
+  return min(params.gradient_scale * max(abs(tilt.x), abs(tilt.y)), params.gradient_cap_m * metre);
 }

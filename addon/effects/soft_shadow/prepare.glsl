@@ -7,7 +7,7 @@ float depth_at(int layer, ivec2 texel)
 {
   ivec2 size = map_size();
   bool inside = all(greaterThanEqual(texel, ivec2(0))) && all(lessThan(texel, size)) && layer < map_layers();
-  ivec2 place = inside ? texel + size * cell_of(layer, params.depths.x) : ivec2(0);
+  ivec2 place = inside ? texel + size * cell_of(layer, params.depth_columns) : ivec2(0);
   float depth = texelFetch(depths, place, 0).r;
   return inside ? depth : INFINITE;
 }

@@ -4,7 +4,7 @@
 
 void main()
 {
-  int level = int(params.level.x);
+  int level = int(params.level);
   ivec2 node = ivec2(gl_GlobalInvocationID.xy);
   if (any(greaterThanEqual(node, node_count(level)))) {
     return;

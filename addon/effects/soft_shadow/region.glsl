@@ -38,22 +38,22 @@ vec2 nearest_in(Region region)
 {
   ivec2 size = region.high - region.low;
   int width = max(size.x, size.y);
-  int level = min(width > 1 ? findMSB(width - 1) + 1 : 0, int(params.bias.w) - 1);
+  int level = min(width > 1 ? findMSB(width - 1) + 1 : 0, int(params.nodes) - 1);
   ivec2 first = region.low >> level, last = (region.high - 1) >> level;
   return max(max(nearest_node(level, first), nearest_node(level, last)),
              max(nearest_node(level, ivec2(first.x, last.y)), nearest_node(level, ivec2(last.x, first.y))));
 }
 
 // False: nothing can hide the light from the point. Starts with the map's own nearest depth, not with the near
-// plane, which may be much closer; then takes the nearest depth inside, params.settings.y times.
+// plane, which may be much closer; then takes the nearest depth inside, params.refinements times.
 bool start_search(Seen seen, out Search search)
 {
-  vec2 texel = params.window.zw;
-  search.place = (seen.window - params.window.xy) / texel;
+  vec2 texel = params.texel_size;
+  search.place = (seen.window - params.window_low) / texel;
   search.reach = seen.bounds / texel.xxyy;
   search.above = INFINITE;
-  vec2 nearest = nearest_node(int(params.bias.w) - 1, ivec2(0));
-  int refinements = int(params.settings.y);
+  vec2 nearest = nearest_node(int(params.nodes) - 1, ivec2(0));
+  int refinements = int(params.refinements);
   for (int turn = 0; turn <= refinements; turn++) {
     if (nearest.y <= seen.rise) {
       return false;
