@@ -136,8 +136,10 @@ def test_crisp_shadows_of_balls_are_where_rays_to_the_lights_middle_meet_them(st
         lamp.data = bpy.data.lights.new("Lamp", "POINT")
         lamp.data.shadow_soft_size, lamp.location = 0.5, (0.5, -1.0, 5.0)
     values = {"ramp": "0:#000000,0.01:#ffffff;constant", "mix": "ramp", "shadows": True}
-    read = read_scene(stage, stage.view_layers[0], Options(("toon",), values={"toon": values}), size=SIZE)
-    view, emitter = read[0].view, read[0].lights[0].emitter
+    outline, graph, *_ = read_scene(
+        stage, stage.view_layers[0], Options(("toon",), values={"toon": values}), size=SIZE
+    )
+    view, emitter = graph.shot.view, outline.lights[0].emitter
     toon = layers_of(baked(stage, backend, **values))["Toon"]
     # Pixel centres on the ground, and which of them a ball hides from the lamp.
     left, right, bottom, top = view.window
