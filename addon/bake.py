@@ -99,7 +99,7 @@ class Options:
             for role, record in effect.offers.items():
                 offers = found.setdefault(role, [])
                 if effect in chosen or not offers:
-                    offer = Offer(effect, self._params_of(effect), record)
+                    offer = Offer(effect, self._params_of(effect), record, effect in chosen)
                     offers.insert(0 if self.providers.get(role) == effect.id else len(offers), offer)
         return {role: tuple(offers) for role, offers in found.items()}
 
@@ -109,7 +109,8 @@ class Options:
 
 def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
     """What would run, what is left out, and why."""
-    more = [record for on, record in ((options.composite, composite.record), (options.lit, lit.record)) if on]
+    more = [composite.record if options.composite else composite.leave_out]
+    more += [lit.record] * options.lit
     lamps = None
     if options.lights is not None:
         lights = enumerate(outline.lights)

@@ -97,11 +97,13 @@ class Effect:
 
 @dataclass(frozen=True)
 class Offer:
-    """What `effect` offers (`Effect.offers`), with its parameters."""
+    """What `effect` offers (`Effect.offers`), with its parameters. `is_chosen`: it is not there only for
+    others to build on."""
 
     effect: Effect
     params: Params
     record: Callable
+    is_chosen: bool
 
 
 class Registry(tuple[Effect, ...]):

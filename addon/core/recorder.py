@@ -89,9 +89,10 @@ class Recorder:
         node: Node,
         of: Of | None = None,
         casters: frozenset[int] = frozenset(),
+        depth: Node | None = None,
     ) -> None:
         """Declares an image made by `node`; `of`: which lamp or object, of a kind that is of one; `casters`
-        are the instances that its reference has to trace."""
+        are the instances that its reference has to trace; `depth`: how far away an OVER layer is, metres."""
         of = of or Of(kind.of)
         if self.effect and not (of.index in self.lamps if of.is_lamp else self._wants_others):
             return
@@ -107,7 +108,16 @@ class Recorder:
             raise ValueError(f"two layers are called '{name}'")
         effect = self.effect.id if self.effect else ""
         layer = PlannedLayer(
-            name, effect, node, kind, self.params, light, of, casters, joins=self._joins(kind, of)
+            name,
+            effect,
+            node,
+            kind,
+            self.params,
+            light,
+            of,
+            casters,
+            depth=depth,
+            joins=self._joins(kind, of),
         )
         self._layers.append(layer)
 
@@ -137,6 +147,10 @@ class Recorder:
         offers = self._offers.get(role, ())
         wanted = dict(self.outline.lights[of.index].providers).get(role) if of.is_lamp else None
         return next((offer for offer in offers if offer.effect.id == wanted), next(iter(offers), None))
+
+    def chosen_offers(self, role: Role) -> tuple[Offer, ...]:
+        """Of effects that are not there only for others to build on; that in use first."""
+        return tuple(offer for offer in self._offers.get(role, ()) if offer.is_chosen)
 
     def _joins(self, kind: LayerKind, of: Of) -> bool:
         offer = self._offer(kind.role, of) if kind.role.is_exclusive else None

@@ -35,30 +35,31 @@ THE_IMAGE = Of()
 
 
 class Role(Enum):
-    """What a layer is to the picture. What a lamp sends is multiplied by FILTER, then VISIBILITY, then
-    TRANSMITTANCE."""
+    """What a layer is to the picture."""
 
     VISIBILITY = "visibility"
     """Share of a lamp's light that arrives: its shadow. One effect provides it for a lamp."""
     FILTER = "filter"
     """What a lamp's light passes on its way, in colour; a lamp may have any number."""
     DIFFUSE = "diffuse"
-    """All diffuse light of a lamp, its shadow in it: stands in place of what the composite knows of it."""
+    """All diffuse light of a lamp, with all that scales it: stands in place of what the composite knows."""
     SPECULAR = "specular"
-    """All glossy light of a lamp, its shadow in it; adds."""
+    """All glossy light of a lamp, with all that scales it; adds."""
     INDIRECT = "indirect"
     """Light that has bounced; adds."""
     AMBIENT = "ambient"
     """Share of the world's light that arrives where no shadow of the sky says so; scales no emission and no
     bounce."""
     TRANSMITTANCE = "transmittance"
-    """Share of all light from surfaces that comes through to the eye: by a medium, by a screen of dots."""
+    """Share of light that comes through, a lamp's to a surface or a surface's to the eye: by a medium, by a
+    screen of dots."""
     SCATTERING = "scattering"
     """Light that a medium sends to the eye, dimmed on its way already; adds."""
     OVER = "over"
-    """Lies over the picture by its alpha, premultiplied."""
+    """Lies over the picture by its alpha, premultiplied: layers with a depth (`PlannedLayer.depth`) the
+    farthest first at each pixel, then those without."""
     PICTURE = "picture"
-    """Made of the picture, and stands in its place."""
+    """Made of the picture, and stands in its place: offered (`Effect.offers`), no layer of its own."""
     NONE = "none"
     """Not in the picture."""
 
@@ -81,3 +82,7 @@ class Role(Enum):
     def needs_lamp(self) -> bool:
         """Whether it can be of a lamp only."""
         return self in (Role.VISIBILITY, Role.FILTER, Role.DIFFUSE, Role.SPECULAR)
+
+
+PRODUCT = (Role.FILTER, Role.VISIBILITY, Role.TRANSMITTANCE)
+"""What scales a lamp's light, in the order in which it does."""

@@ -31,26 +31,43 @@ impl Image<'_> {
 }
 
 enum Join<'a> {
-    /// Irradiance, the shadows that it is multiplied by, and the light's colour.
-    Light(Vec<&'a [f32]>, [f32; 3]),
+    /// Irradiance and what scales it: in grey, then in colour; and the light's colour.
+    Light(Vec<&'a [f32]>, Vec<Image<'a>>, [f32; 3]),
     Multiply(Image<'a>),
     Add(Image<'a>),
     Over(&'a [[f32; 4]]),
+    /// Each with its depth: the farthest first, of equal ones the earlier.
+    OverByDepth(Vec<(&'a [[f32; 4]], &'a [f32])>),
 }
 
 impl Join<'_> {
     fn apply(&self, first: usize, albedo: &[[f32; 4]], total: &mut [[f32; 4]]) {
         match self {
-            Join::Light(images, share) => {
+            Join::Light(images, colours, share) => {
                 let mut shown = [1.0; CHUNK];
                 for image in images {
                     for (shown, value) in shown.iter_mut().zip(&image[first..]) {
                         *shown *= value;
                     }
                 }
-                for ((total, albedo), shown) in total.iter_mut().zip(albedo).zip(&shown) {
+                if colours.is_empty() {
+                    for ((total, albedo), shown) in total.iter_mut().zip(albedo).zip(&shown) {
+                        for c in 0..3 {
+                            total[c] += albedo[c] * (shown * share[c]);
+                        }
+                    }
+                    return;
+                }
+                for (i, (total, albedo)) in total.iter_mut().zip(albedo).enumerate() {
+                    let mut arriving = [shown[i]; 3];
+                    for image in colours {
+                        let colour = image.colour(first + i);
+                        for c in 0..3 {
+                            arriving[c] *= colour[c];
+                        }
+                    }
                     for c in 0..3 {
-                        total[c] += albedo[c] * (shown * share[c]);
+                        total[c] += albedo[c] * (arriving[c] * share[c]);
                     }
                 }
             }
@@ -71,9 +88,24 @@ impl Join<'_> {
                 }
             }
             Join::Over(image) => {
-                for (total, over) in total.iter_mut().zip(&image[first..]) {
-                    for c in 0..4 {
-                        total[c] = over[c] + (1.0 - over[3]) * total[c];
+                for (total, layer) in total.iter_mut().zip(&image[first..]) {
+                    over(total, layer);
+                }
+            }
+            Join::OverByDepth(layers) => {
+                let mut order: Vec<usize> = Vec::with_capacity(layers.len());
+                for (i, total) in total.iter_mut().enumerate() {
+                    let depth = |layer: usize| layers[layer].1[first + i];
+                    order.clear();
+                    for layer in 0..layers.len() {
+                        let mut place = order.len();
+                        while place > 0 && depth(order[place - 1]) < depth(layer) {
+                            place -= 1;
+                        }
+                        order.insert(place, layer);
+                    }
+                    for &layer in &order {
+                        over(total, &layers[layer].0[first + i]);
                     }
                 }
             }
@@ -81,11 +113,19 @@ impl Join<'_> {
     }
 }
 
+#[inline(always)]
+fn over(total: &mut [f32; 4], layer: &[f32; 4]) {
+    for c in 0..4 {
+        total[c] = layer[c] + (1.0 - layer[3]) * total[c];
+    }
+}
+
 /// Joins images into (h, w, 4) f32, one after the other; alpha is that of `albedo` (h, w, 4), premultiplied.
 ///
 /// Each of `joins` is a kind, its images (h, w), (h, w, 3) or (h, w, 4), and a colour that only lights have. "light": adds albedo
-/// times the product of its grey images times the colour; "multiply", "add": red, green and blue only; "over": a
-/// premultiplied colour image before what is there. Raises ValueError on other kinds and shapes.
+/// times the product of its images, the first of which is grey, times the colour; "multiply", "add": red, green and blue only; "over": a
+/// premultiplied colour image before what is there; "over by depth": such images, each followed by its depths (h, w), the farthest
+/// first. Raises ValueError on other kinds and shapes.
 #[pyfunction]
 fn composite<'py>(
     py: Python<'py>,
@@ -130,14 +170,24 @@ fn join<'a>(
         .map(|array| image(array, size))
         .collect::<PyResult<Vec<Image<'a>>>>()?;
     if kind == "light" {
-        let grey = images.iter().map(|image| match image {
-            Image::Grey(values) => Some(*values),
+        let (mut grey, mut colours) = (Vec::new(), Vec::new());
+        for image in &images {
+            match image {
+                Image::Grey(values) => grey.push(*values),
+                _ => colours.push(*image),
+            }
+        }
+        if matches!(images.first(), Some(Image::Grey(_))) {
+            return Ok(Join::Light(grey, colours, colour));
+        }
+    }
+    if kind == "over by depth" {
+        let pairs = images.chunks(2).map(|pair| match pair {
+            &[Image::Colour(values), Image::Grey(depths)] => Some((values, depths)),
             _ => None,
         });
-        if let Some(grey) = grey.collect::<Option<Vec<&[f32]>>>()
-            && !grey.is_empty()
-        {
-            return Ok(Join::Light(grey, colour));
+        if let Some(layers) = pairs.collect::<Option<Vec<_>>>() {
+            return Ok(Join::OverByDepth(layers));
         }
     }
     match (kind, &images[..]) {

@@ -10,6 +10,12 @@ void main()
 #ifdef GOBO
   imageStore(result, pixel, vec4(params.value.rgb * (0.5 + 0.5 * tanh(place.x)), 1.0));
 #endif
+#ifdef PANE
+  imageStore(result, pixel, params.value);
+#endif
+#ifdef SLOPE
+  imageStore(result, pixel, vec4(5.0 + params.value.x * tanh(place.x)));
+#endif
 #ifdef HALF
   imageStore(result, pixel, vec4(0.5));
 #endif

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from strata.addon.core.culling import receivers_in_view
 from strata.addon.core.effect import Effect, LayerKind, Registry
-from strata.addon.core.graph import Step
+from strata.addon.core.graph import Rate, Step
 from strata.addon.core.params import Params
 from strata.addon.core.roles import Of, Role, Subject
 from strata.addon.core.shader import Shader
@@ -69,7 +69,7 @@ def _gobo(device, surface, colour):
 
 
 def _gobo_gpu(device, surface, colour):
-    return dispatched(device, shader("tiny.glsl", "GOBO"), surface, colour)
+    return dispatched(device, shader("tiny.glsl", "GOBO"), surface, colour, channels=3)
 
 
 GOBO_STEP = Step("tiny gobo", cpu=_gobo, gpu=_gobo_gpu)
@@ -110,3 +110,56 @@ def _run_half(recorder, outline, params):
 
 
 HALF_SHADOW = effect("half_shadow", (HALF_KIND,), _run_half, offers={Role.VISIBILITY: _half_visibility})
+
+# Two panes of coloured glass that cross: each is before the other on one side of the picture.
+
+PANES = (
+    (LayerKind("Red Pane", "RGBA", role=Role.OVER), (0.5, 0.1, 0.0, 0.75), 1.0),
+    (LayerKind("Blue Pane", "RGBA", role=Role.OVER), (0.0, 0.1, 0.4, 0.5), -1.0),
+)
+
+
+def _pane(device, surface, colour):
+    return np.broadcast_to(np.float32(colour), (*surface["position"].shape[:2], 4)).copy()
+
+
+def _pane_gpu(device, surface, colour):
+    return dispatched(device, shader("tiny.glsl", "PANE"), surface, colour)
+
+
+def _slope(device, surface, slope):
+    return np.ascontiguousarray(np.float32(5.0) + np.float32(slope) * np.tanh(surface["position"][..., 0]))
+
+
+def _slope_gpu(device, surface, slope):
+    return dispatched(device, shader("tiny.glsl", "SLOPE"), surface, (slope,), channels=1)
+
+
+PANE_STEP = Step("tiny pane", cpu=_pane, gpu=_pane_gpu)
+SLOPE_STEP = Step("tiny pane's depth", cpu=_slope, gpu=_slope_gpu)
+
+
+def _run_panes(recorder, outline, params):
+    for kind, colour, slope in PANES:
+        node = recorder.step(PANE_STEP, points(recorder, outline), colour=colour)
+        depth = recorder.step(SLOPE_STEP, points(recorder, outline), slope=slope)
+        recorder.layer(kind, node, depth=depth)
+
+
+CROSSED_PANES = effect("crossed_panes", tuple(kind for kind, _, _ in PANES), _run_panes)
+
+# A lens that shows the picture upside down and half as bright.
+
+
+def _flipped(device, picture):
+    return np.ascontiguousarray(np.float32(0.5) * picture[::-1])
+
+
+LENS_STEP = Step("tiny lens", cpu=_flipped, rate=Rate.PICTURE, hole="a test needs no second one")
+
+
+def _look_through(recorder, outline, params, of, picture):
+    return recorder.step(LENS_STEP, picture)
+
+
+LENS = effect("lens", (), lambda recorder, outline, params: None, offers={Role.PICTURE: _look_through})

@@ -1,6 +1,29 @@
-// One join of the composite. Defines: FIRST, which starts it; LIGHT with SHADOWS, the number of layers that
-// scale the light; or how a layer joins (MULTIPLY, ADD, OVER), with GREY where it has one channel. With PART
-// only some of the light is summed: no alpha, and of what lies over it only what it hides.
+// One join of the composite. Defines: FIRST, which starts it; LIGHT or PRODUCT with FACTORS, the number of images
+// that scale light, each grey where params.grey has 1 for it; or how a layer joins (MULTIPLY, ADD, OVER), with GREY where
+// it has one channel. With PART only some of the light is summed: no alpha, and of what lies over it only what it
+// hides. PRODUCT is of FACTORS images that scale light, for a lamp that has more of them than a program takes.
+
+#define SCALE(light, factor, k) \
+  light *= params.grey[k] > 0.5 ? texelFetch(factor, pixel, 0).rrr : texelFetch(factor, pixel, 0).rgb
+
+#ifdef FACTORS
+vec3 scaled(vec3 light, ivec2 pixel)
+{
+#  if FACTORS > 0
+  SCALE(light, factor0, 0);
+#  endif
+#  if FACTORS > 1
+  SCALE(light, factor1, 1);
+#  endif
+#  if FACTORS > 2
+  SCALE(light, factor2, 2);
+#  endif
+#  if FACTORS > 3
+  SCALE(light, factor3, 3);
+#  endif
+  return light;
+}
+#endif
 
 void main()
 {
@@ -8,7 +31,9 @@ void main()
   if (any(greaterThanEqual(pixel, ivec2(params.size.xy)))) {
     return;
   }
-#ifdef FIRST
+#ifdef PRODUCT
+  vec4 sum = vec4(scaled(vec3(1.0), pixel), 1.0);
+#elif defined(FIRST)
 #  ifdef PART
   vec4 sum = vec4(0.0);
 #  else
@@ -17,19 +42,8 @@ void main()
 #else
   vec4 sum = imageLoad(total, pixel);
 #  ifdef LIGHT
-  float arriving = texelFetch(irradiance, pixel, 0).r;
-#    if SHADOWS > 0
-  arriving *= texelFetch(shadow0, pixel, 0).r;
-#    endif
-#    if SHADOWS > 1
-  arriving *= texelFetch(shadow1, pixel, 0).r;
-#    endif
-#    if SHADOWS > 2
-  arriving *= texelFetch(shadow2, pixel, 0).r;
-#    endif
-#    if SHADOWS > 3
-  arriving *= texelFetch(shadow3, pixel, 0).r;
-#    endif
+  vec3 arriving = vec3(texelFetch(irradiance, pixel, 0).r);
+  arriving = scaled(arriving, pixel);
   sum.rgb += texelFetch(albedo, pixel, 0).rgb * (arriving * params.share.rgb);
 #  else
 #    ifdef GREY

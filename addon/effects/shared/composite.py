@@ -7,7 +7,7 @@ from ...core.effect import LayerKind
 from ...core.graph import Node
 from ...core.outline import Outline
 from ...core.recorder import Recorder
-from ...core.roles import Of, Role
+from ...core.roles import PRODUCT, THE_IMAGE, Of, Role
 from . import lit
 from .joins import Join
 from .steps import surface
@@ -18,15 +18,18 @@ KIND = LayerKind(
     doc="Diffuse light of all lamps with all layers joined; alpha is coverage, colour is premultiplied",
 )
 
-JOINS = {Role.TRANSMITTANCE: Join.MULTIPLY, Role.SCATTERING: Join.ADD, Role.OVER: Join.OVER}
+ADDED_BEFORE = (Role.SPECULAR, Role.INDIRECT)
+"""Light from surfaces, as that of lamps."""
 
 
 def record(recorder: Recorder, outline: Outline) -> None:
     """Adds the composite of everything recorded so far, as a layer of no effect.
 
-    Every light that shines on what is in view counts, those without a layer unshadowed. Layers join as
-    their kind declares (`LayerKind.role`): first those that scale one light, then emission, then those that
-    all light from surfaces passes, then those that add light of their own, and last those that lie over it.
+    Every light that shines on what is in view counts, those without a layer unshadowed. Layers join by their
+    role (core/roles.py): first those that scale one light or are it, then emission and what else comes from
+    surfaces, then those that all of this passes, then those that add light of their own, then those that lie
+    over it, and last an effect that was chosen and makes the picture anew. AMBIENT scales nothing yet: light
+    of the world is not in the composite.
     """
     seen, receivers = receivers_in_view(outline, recorder.shot)
     if not len(receivers):
@@ -34,25 +37,54 @@ def record(recorder: Recorder, outline: Outline) -> None:
     visible = outline.instances.subset(seen)
     surface(recorder, outline, visible, "material")
     region = around(receivers)
+    layers = [layer for layer in recorder.layers if layer.joins]
     inputs: list[Node] = []
     joins: list[tuple] = []
+
+    def join(how: Join, *nodes: Node, details: tuple = ()) -> None:
+        inputs.extend(nodes)
+        joins.append((how.value, *details))
+
     for index, light in enumerate(outline.lights):
-        if not lit.shines(light, visible, region):
-            continue
-        shadows = [
-            layer.node
-            for layer in recorder.layers
-            if layer.joins and layer.role is Role.VISIBILITY and layer.of == Of.lamp(index)
-        ]
-        inputs += [lit.irradiance(recorder, outline, light), *shadows]
-        joins.append((Join.LIGHT.value, lit.brightness(light), len(shadows)))
+        own = [layer for layer in layers if layer.of == Of.lamp(index)]
+        if diffuse := [layer.node for layer in own if layer.role is Role.DIFFUSE]:
+            for node in diffuse:
+                join(Join.ADD, node)
+        elif lit.shines(light, visible, region):
+            factors = [layer.node for role in PRODUCT for layer in own if layer.role is role]
+            details = (lit.brightness(light), len(factors))
+            join(Join.LIGHT, lit.irradiance(recorder, outline, light), *factors, details=details)
     if (emission := lit.emission(recorder, outline, visible)) is not None:
-        inputs.append(emission)
-        joins.append((Join.ADD.value,))
-    for role, join in JOINS.items():
-        for layer in recorder.layers:
+        join(Join.ADD, emission)
+    for role in ADDED_BEFORE:
+        for layer in layers:
             if layer.role is role:
-                inputs.append(layer.node)
-                joins.append((join.value,))
+                join(Join.ADD, layer.node)
+    for layer in layers:
+        if layer.role is Role.TRANSMITTANCE and not layer.of.is_lamp:
+            join(Join.MULTIPLY, layer.node)
+    for layer in layers:
+        if layer.role is Role.SCATTERING:
+            join(Join.ADD, layer.node)
+    over = [layer for layer in layers if layer.role is Role.OVER]
+    if sorted_ones := [layer for layer in over if layer.depth is not None]:
+        nodes = [node for layer in sorted_ones for node in (layer.node, layer.depth)]
+        join(Join.OVER_BY_DEPTH, *nodes, details=(len(sorted_ones),))
+    for layer in over:
+        if layer.depth is None:
+            join(Join.OVER, layer.node)
     albedo = lit.base_colour(recorder, outline)
-    recorder.layer(KIND, recorder.step(lit.COMPOSITE, albedo, *inputs, joins=tuple(joins)))
+    picture = recorder.step(lit.COMPOSITE, albedo, *inputs, joins=tuple(joins))
+    for number, offer in enumerate(recorder.chosen_offers(Role.PICTURE)):
+        if number == 0:
+            picture = recorder.ask(Role.PICTURE, THE_IMAGE, picture)
+            first = offer.effect.title
+        else:
+            recorder.left_out(offer.effect.title, f"{first} makes the picture anew, and only one can")
+    recorder.layer(KIND, picture)
+
+
+def leave_out(recorder: Recorder, outline: Outline) -> None:
+    """Where no composite is made: notes what would make it anew."""
+    for offer in recorder.chosen_offers(Role.PICTURE):
+        recorder.left_out(offer.effect.title, "it makes the composite anew, and none is made")

@@ -9,10 +9,11 @@ import numpy as np
 
 from ...core.emitter import Emitter, EmitterKind
 from ...core.shader import LARGEST, Shader
-from .joins import Join
+from .joins import Join, image_count
 from .membership import mask_table
 
-MOST_SHADOWS = 4  # layers that may scale one light
+MOST_FACTORS = 4
+"""Images that scale light in one program."""
 
 MATERIAL_COLOUR = Shader(
     "effects/shared/material_colour.glsl",
@@ -36,10 +37,23 @@ COMPOSITE = Shader(
     "effects/shared/composite.glsl",
     samplers=(("albedo", "FLOAT_2D"),),
     images=(("total", "RGBA32F", "READ_WRITE"),),
-    params=("size", "share"),
+    params=("size", "share", "grey"),
 )
 FIRST = replace(COMPOSITE, defines=("FIRST",), images=(("total", "RGBA32F", "WRITE"),))
 FIRST_OF_PART = FIRST.defining("PART")
+STACK = Shader(
+    "effects/shared/over_by_depth.glsl",
+    defines=("STACK",),
+    samplers=(("layer", "FLOAT_2D"), ("depth", "FLOAT_2D")),
+    images=(("colours_out", "RGBA32F", "WRITE"), ("depths_out", "R32F", "WRITE")),
+    params=("size", "place"),
+)
+OVER_BY_DEPTH = Shader(
+    "effects/shared/over_by_depth.glsl",
+    samplers=(("colours", "FLOAT_2D"), ("depths", "FLOAT_2D")),
+    images=(("total", "RGBA32F", "READ_WRITE"),),
+    params=("size", "place"),
+)
 
 
 def _irradiance_variant(kind: EmitterKind, single: bool, linked: bool) -> Shader:
@@ -50,10 +64,22 @@ def _irradiance_variant(kind: EmitterKind, single: bool, linked: bool) -> Shader
     return shader
 
 
-def _light_variant(shadows: int) -> Shader:
-    images = (("irradiance", "FLOAT_2D"), *((f"shadow{i}", "FLOAT_2D") for i in range(shadows)))
-    shader = COMPOSITE.defining("LIGHT", f"SHADOWS {shadows}")
-    return replace(shader, samplers=(*shader.samplers, *images))
+def _factor_samplers(factors: int) -> tuple[tuple[str, str], ...]:
+    return tuple((f"factor{k}", "FLOAT_2D") for k in range(factors))
+
+
+def _light_variant(factors: int) -> Shader:
+    shader = COMPOSITE.defining("LIGHT", f"FACTORS {factors}")
+    samplers = (*shader.samplers, ("irradiance", "FLOAT_2D"), *_factor_samplers(factors))
+    return replace(shader, samplers=samplers)
+
+
+PRODUCT = replace(
+    COMPOSITE,
+    defines=("PRODUCT", f"FACTORS {MOST_FACTORS}"),
+    samplers=_factor_samplers(MOST_FACTORS),
+    images=FIRST.images,
+)
 
 
 def _join_variant(join: Join, grey: bool, part: bool = False) -> Shader:
@@ -63,13 +89,14 @@ def _join_variant(join: Join, grey: bool, part: bool = False) -> Shader:
 
 def variants() -> Iterator[Shader]:
     """Every program that these steps may compile."""
-    yield from (MATERIAL_COLOUR, TEXTURE_COLOUR, FIRST, FIRST_OF_PART)
+    yield from (MATERIAL_COLOUR, TEXTURE_COLOUR, FIRST, FIRST_OF_PART, PRODUCT)
+    yield from (STACK, OVER_BY_DEPTH, OVER_BY_DEPTH.defining("PART"))
     for kind in EmitterKind:
         for single in (False, True):
             for linked in (False, True):
                 yield _irradiance_variant(kind, single, linked)
-    for shadows in range(MOST_SHADOWS + 1):
-        yield _light_variant(shadows)
+    for factors in range(MOST_FACTORS + 1):
+        yield _light_variant(factors)
     for join in (Join.MULTIPLY, Join.ADD, Join.OVER):
         for grey in (False, True) if join != Join.OVER else (False,):
             yield _join_variant(join, grey)
@@ -143,21 +170,58 @@ def composite(device, albedo, *inputs, joins, is_rest=True):
     size = shape[::-1]
     total = device.new_image((*shape, 4))
     first = FIRST if is_rest else FIRST_OF_PART
-    device.dispatch(first, size, {"total": total}, {"albedo": albedo}, {"size": size, "share": ()})
+    nothing = {"size": size, "share": (), "grey": ()}
+    device.dispatch(first, size, {"total": total}, {"albedo": albedo}, nothing)
     queue = iter(inputs)
-    for kind, *details in joins:
-        image = next(queue)
-        params = {"size": size, "share": ()}
-        if kind == Join.LIGHT.value:
-            radiance, shadows = details
-            if shadows > MOST_SHADOWS:
-                raise ValueError(f"{shadows} layers scale one light, at most {MOST_SHADOWS} can")
-            params["share"] = tuple(channel / np.pi for channel in radiance)
-            samplers = {"albedo": albedo, "irradiance": image}
-            samplers |= {f"shadow{i}": next(queue) for i in range(shadows)}
-            shader = _light_variant(shadows)
+    for join in joins:
+        kind, *details = join
+        image, *more = (next(queue) for _ in range(image_count(join)))
+        if kind == Join.OVER_BY_DEPTH.value:
+            _lay_over_by_depth(device, total, [image, *more], is_rest)
+        elif kind == Join.LIGHT.value:
+            factors, made = _folded(device, size, more, nothing)
+            share = tuple(channel / np.pi for channel in details[0])
+            params = nothing | {"share": share, "grey": _grey(factors)}
+            samplers = {"albedo": albedo, "irradiance": image, **_factors(factors)}
+            device.dispatch(_light_variant(len(factors)), size, {"total": total}, samplers, params)
+            device.release(made)
         else:
             is_veil = kind == Join.OVER.value and not is_rest
-            shader, samplers = _join_variant(Join(kind), image.channels == 1, is_veil), {"layer": image}
-        device.dispatch(shader, size, {"total": total}, samplers, params)
+            shader = _join_variant(Join(kind), image.channels == 1, is_veil)
+            device.dispatch(shader, size, {"total": total}, {"layer": image}, nothing)
     return total
+
+
+def _factors(images) -> dict:
+    return {f"factor{k}": image for k, image in enumerate(images)}
+
+
+def _grey(images) -> tuple[float, ...]:
+    return tuple(float(image.channels == 1) for image in images)
+
+
+def _folded(device, size, factors, params) -> tuple[list, list]:
+    """As many images that scale light as one program takes, and those of them that were made for it."""
+    factors, made = list(factors), []
+    while len(factors) > MOST_FACTORS:
+        taken, factors = factors[:MOST_FACTORS], factors[MOST_FACTORS:]
+        product = device.new_image((*size[::-1], 4))
+        device.dispatch(PRODUCT, size, {"total": product}, _factors(taken), params | {"grey": _grey(taken)})
+        factors.insert(0, product)
+        made.append(product)
+    return factors, made
+
+
+def _lay_over_by_depth(device, total, images, is_rest: bool) -> None:
+    """Raises ValueError where no texture is so large that all layers go into it."""
+    layers, depths = images[::2], images[1::2]
+    height, width = total.shape[:2]
+    size, rows = (width, height), height * len(layers)
+    stacks = {"colours": device.new_image((rows, width, 4)), "depths": device.new_image((rows, width))}
+    for number, (layer, depth) in enumerate(zip(layers, depths, strict=True)):
+        outputs = {f"{name}_out": image for name, image in stacks.items()}
+        params = {"size": size, "place": (number * height,)}
+        device.dispatch(STACK, size, outputs, {"layer": layer, "depth": depth}, params)
+    shader = OVER_BY_DEPTH if is_rest else OVER_BY_DEPTH.defining("PART")
+    device.dispatch(shader, size, {"total": total}, stacks, {"size": size, "place": (len(layers),)})
+    device.release(list(stacks.values()))

@@ -13,11 +13,12 @@ from ...core.outline import Light, Outline, emitter_measure
 from ...core.recorder import Recorder
 from ...core.roles import Of, Subject
 from . import gpu_lit
-from .joins import Join
+from .joins import Join, image_count
 from .membership import belong
 
 LIT = LayerKind(title="Lit", channels="RGBA", of=Subject.LAMP)
 _TERMS = (Join.LIGHT.value, Join.ADD.value)
+_VEILS = (Join.OVER.value, Join.OVER_BY_DEPTH.value)
 
 
 def _material_colour(device, surface, colours, images, version):
@@ -65,14 +66,14 @@ def _irradiance(device, surface, eye, emitter, receivers):
 
 def _composite(device, albedo, *inputs, joins, is_rest=True):
     queue, told = iter(inputs), []
-    for kind, *details in joins:
-        images, share = [next(queue)], np.zeros(3, np.float32)
+    for join in joins:
+        kind, *details = join
+        images, share = [next(queue) for _ in range(image_count(join))], np.zeros(3, np.float32)
         if kind == Join.LIGHT.value:
-            radiance, shadows = details
-            images += [next(queue) for _ in range(shadows)]
-            share = np.array(radiance, np.float32) / np.float32(np.pi)
-        elif kind == Join.OVER.value and not is_rest:  # of what lies over the light, only what it hides
-            images[0] = images[0] * np.array((0.0, 0.0, 0.0, 1.0), np.float32)
+            share = np.array(details[0], np.float32) / np.float32(np.pi)
+        elif kind in _VEILS and not is_rest:  # of what lies over the light, only what it hides
+            hides = np.array((0.0, 0.0, 0.0, 1.0), np.float32)
+            images[::2] = [image * hides for image in images[::2]]
         told.append((kind, [np.ascontiguousarray(image) for image in images], share.tolist()))
     total = device.kernels.composite(np.ascontiguousarray(albedo), told)
     if not is_rest:
@@ -82,11 +83,8 @@ def _composite(device, albedo, *inputs, joins, is_rest=True):
 
 def _joined_inputs(node: Node) -> list[tuple[tuple, tuple[Node, ...]]]:
     """Each join with the nodes of its images."""
-    queue, found = iter(node.inputs[1:]), []
-    for join in node.params["joins"]:
-        count = 1 + join[2] if join[0] == Join.LIGHT.value else 1
-        found.append((join, tuple(next(queue) for _ in range(count))))
-    return found
+    queue = iter(node.inputs[1:])
+    return [(join, tuple(next(queue) for _ in range(image_count(join)))) for join in node.params["joins"]]
 
 
 def _terms(node: Node) -> tuple[tuple[Node, ...], ...]:
