@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
@@ -76,7 +75,15 @@ def _effects(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts)
 def describe(effect: Effect) -> dict[str, Any]:
     """An effect's declaration as plain values."""
     layers = [
-        {name: plain(value) for name, value in asdict(kind).items() if name != "reference"}
+        {
+            "title": kind.title,
+            "channels": kind.channels,
+            "of": kind.of.value,
+            "role": kind.role.value,
+            "metric": kind.score.metric if kind.score else None,
+            "reduce": kind.reduce.value,
+            "doc": kind.doc,
+        }
         for kind in effect.layers
     ]
     params = [

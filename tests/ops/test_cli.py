@@ -150,6 +150,7 @@ def test_effects_tell_every_parameter(capfd):
     assert [entry["id"] for entry in described] == [effect.id for effect in EFFECTS]
     for entry, effect in zip(described, EFFECTS, strict=True):
         assert [p["name"] for p in entry["params"]] == [spec.name for spec in effect.params.specs()]
+        assert [layer["title"] for layer in entry["layers"]] == [kind.title for kind in effect.layers]
         defaults = {p["name"]: p["default"] for p in entry["params"]}
         assert effect.params.checked(effect.id, defaults) == effect.params()
     assert main(["effects"]) == 0
