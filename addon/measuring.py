@@ -91,7 +91,7 @@ class Measuring:
             accelerator,
             np.array(graph.shot.origin),
             device.cancel_flag,
-            device.camera_rays(graph.shot, graph.surface.params["visible"], graph.surface_attributes),
+            device.camera_rays(graph.shot, graph.surface.params["visible"], graph.surfaces[graph.surface]),
             value=lambda node: executor.value(node, device),
             texture=device.texture,
         )

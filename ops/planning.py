@@ -79,7 +79,7 @@ def described_plan(
         "size": list(graph.shot.size),
         "layers": layers,
         "steps": [{"name": node.step.name, "instance": node.instance} for node in graph.nodes()],
-        "surface_attributes": sorted(graph.surface_attributes),
+        "surface_attributes": sorted(frozenset().union(*graph.surfaces.values())),
         "instances_read": len(graph.instances),
         "instances": len(outline.instances),
         "left_out": [asdict(entry) for entry in graph.left_out],

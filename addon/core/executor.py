@@ -24,7 +24,10 @@ from .surface import Chunk
 
 
 class Collector(Protocol):
-    """Sees every tile of every sample as it is made; measuring draws its probes here."""
+    """Sees every tile of the first sample as it is made; measuring draws its probes here. `surface`: the
+    node whose shading points it wants to see."""
+
+    surface: Node
 
     def add(
         self, chunk: Chunk, surface: dict[str, np.ndarray], layers: dict[str, np.ndarray]
@@ -104,7 +107,7 @@ class Executor:
         context.margins = margins_of(graph, takes)
         at = {rate: [node for node in nodes if node.rate == rate] for rate in Rate}
         taken = _taken_after(at[Rate.SAMPLE], takes)
-        spent = _last_uses(graph, at[Rate.SAMPLE], taken)
+        spent = _last_uses(at[Rate.SAMPLE], taken, collector and collector.surface)
         total = len(at[Rate.SCENE]) + len(at[Rate.SAMPLE]) * sampling.chunk_count + len(at[Rate.PICTURE])
         readers = Counter(item.key for node in nodes for item in node.inputs)
         done = 0
@@ -130,8 +133,8 @@ class Executor:
                     yield done / total
                 self._go_on(context)
                 if watching:
-                    device = self._home(graph.surface)
-                    surface = device.to_host(self.value(graph.surface, device))
+                    device = self._home(collector.surface)
+                    surface = device.to_host(self.value(collector.surface, device))
                     for _ in collector.add(chunk, surface, collected):
                         yield done / total
                         self._raise_if_cancelled()
@@ -301,7 +304,7 @@ class Executor:
             return self.kept, (device.name, node.key)
         now = self._now
         # What the surface carries is the graph's to say, and no part of the node's key.
-        attributes = now.graph.surface_attributes if node == now.graph.surface else None
+        attributes = now.graph.surfaces.get(node)
         return now.store, (device.name, node.key, now.chunk, margin, attributes)
 
     def _home(self, node: Node) -> Device:
@@ -320,8 +323,8 @@ class Executor:
         extra: dict[str, Any] = {}
         if node.step.rate == Rate.SAMPLE:
             extra["chunk"] = self._now.chunk.grown(margin)
-        if graph is not None and node == graph.surface:
-            extra["attributes"] = graph.surface_attributes
+        if graph is not None and node in graph.surfaces:
+            extra["attributes"] = graph.surfaces[node]
         size = node.step.bytes_of(node, self.outline) if node.step.bytes_of and self.outline else 0
         started = time.perf_counter()
         compiling = device.compile_seconds
@@ -376,15 +379,17 @@ def _taken_after(nodes: Sequence[Node], takes: Iterable[Take]) -> dict[Node, lis
     return taken
 
 
-def _last_uses(graph: Graph, nodes: Sequence[Node], taken: dict[Node, list[Take]]) -> dict[Node, list[Node]]:
-    """Of nodes at the surface in their order: what no later one reads, by the last that does. The surface
-    itself stays, for the collector."""
+def _last_uses(
+    nodes: Sequence[Node], taken: dict[Node, list[Take]], kept: Node | None
+) -> dict[Node, list[Node]]:
+    """Of nodes at the surface in their order: what no later one reads, by the last that does, but for
+    `kept`."""
     last: dict[Node, Node] = {}
     for node in nodes:
         read = (each for take in taken.get(node, ()) for each in (take.node, take.weight) if each)
         last |= {item: node for item in (*node.inputs, node, *read) if item.rate == Rate.SAMPLE}
     spent: dict[Node, list[Node]] = {}
     for item, node in last.items():
-        if item != graph.surface:
+        if item != kept:
             spent.setdefault(node, []).append(item)
     return spent

@@ -192,17 +192,22 @@ class PlannedLayer:
 
 @dataclass(frozen=True)
 class Graph:
-    """What runs. `surface_attributes` and `instances` are the union of what the nodes read: nothing else is
-    extracted or rasterised. `wants` names what the extraction has to bring besides positions. `shot`: of
-    which picture."""
+    """What runs for one shot. `surfaces`: nodes whose values are shading points, the shot's own first, each
+    with the attributes that are read of it. With `instances` that is the union of what the nodes read:
+    nothing else is extracted or rasterised. `wants` names what the extraction has to bring besides
+    positions."""
 
     layers: tuple[PlannedLayer, ...]
     left_out: tuple[LeftOut, ...]
-    surface: Node | None
-    surface_attributes: frozenset[str]
+    surfaces: dict[Node, frozenset[str]]
     instances: frozenset[int]
     wants: frozenset[str] = frozenset()
     shot: Shot | None = None
+
+    @property
+    def surface(self) -> Node | None:
+        """The shot's own shading points; None where nothing reads any."""
+        return next(iter(self.surfaces), None)
 
     def nodes(self, roots: Iterable[Node] | None = None) -> tuple[Node, ...]:
         """Every node below `roots` (the layers', if None), inputs before users, each once."""

@@ -208,11 +208,14 @@ class _Sizes:
         nodes = graph.nodes()
         self._read_at_surface = {item for node in nodes if node.rate != Rate.SCENE for item in node.inputs}
         for_all = [node for node in nodes if node.rate == Rate.SCENE and not node.instance]
-        carried = [ATTRIBUTES[name] for name in graph.surface_attributes]
-        surface = sum(np.dtype(each.dtype).itemsize * each.channels for each in carried)
-        margins = margins_of(graph, takes_of(graph)).get(graph.surface, (0,))
-        pixels = sum((sampling.tile_rows + 2 * m) * (sampling.width + 2 * m) for m in margins)
-        self.shared = sum(map(self.kept, for_all)) + surface * pixels + KERNEL_BYTES
+        margins, surfaces = margins_of(graph, takes_of(graph)), 0
+        for node, attributes in graph.surfaces.items():
+            carried = [ATTRIBUTES[name] for name in attributes]
+            pixels = sum(
+                (sampling.tile_rows + 2 * m) * (sampling.width + 2 * m) for m in margins.get(node, (0,))
+            )
+            surfaces += pixels * sum(np.dtype(each.dtype).itemsize * each.channels for each in carried)
+        self.shared = sum(map(self.kept, for_all)) + surfaces + KERNEL_BYTES
 
     def kept(self, node: Node) -> int:
         """Of its value, where it does not depend on the surface."""

@@ -37,10 +37,9 @@ class Recorder:
         self._nodes: dict[str, Node] = {}
         self._layers: list[PlannedLayer] = []
         self._left_out: list[LeftOut] = []
-        self._attributes: set[str] = set()
         self._instance_sets: set[frozenset[int]] = set()
         self._wants: set[str] = set()
-        self._surface: Node | None = None
+        self._surfaces: dict[Node, set[str]] = {}
 
     @property
     def layers(self) -> tuple[PlannedLayer, ...]:
@@ -52,17 +51,16 @@ class Recorder:
         node = Node(step, instance, inputs, params)
         return self._nodes.setdefault(node.key, node)
 
-    def surface(self, step: Step, geometry: Node, attributes: tuple[str, ...], **params) -> Node:
-        """The shading points, with at least these attributes. One for the whole graph."""
-        self._attributes.update(attributes)
+    def surface(self, node: Node, *attributes: str) -> Node:
+        """Says that the node's values are shading points, with at least these attributes (core/surface.py).
+        The first that is recorded is the shot's own."""
+        self._surfaces.setdefault(node, set()).update(attributes)
         self._wants.update(ATTRIBUTES[name].wants for name in attributes if ATTRIBUTES[name].wants)
-        self._surface = self.step(step, geometry, instance="camera", **params)
-        return self._surface
+        return node
 
     def surface_with(self, *attributes: str) -> Node:
-        """The surface that was recorded, with these attributes too."""
-        self._attributes.update(attributes)
-        return self._surface
+        """The shot's own shading points, which were recorded, with these attributes too."""
+        return self.surface(next(iter(self._surfaces)), *attributes)
 
     def reads_instances(self, instances: frozenset[int]) -> None:
         """Says which instances the recorded steps look at; others are never extracted."""
@@ -165,8 +163,7 @@ class Recorder:
         return Graph(
             tuple(self._layers),
             tuple(self._left_out),
-            self._surface,
-            frozenset(self._attributes),
+            {node: frozenset(attributes) for node, attributes in self._surfaces.items()},
             self.instances,
             frozenset(self._wants),
             self.shot,

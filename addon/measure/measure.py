@@ -44,7 +44,8 @@ class Measurement:
         # GeneratorExit: whoever ran it has gone. A panic of the kernels is a BaseException too.
         self._passes_through = (Cancelled, KeyboardInterrupt, SystemExit, GeneratorExit, *cancelled)
         self._lost: dict[str, NotMeasured] = {}  # by layer, why there are no probes
-        attributes = tuple(sorted(graph.surface_attributes))
+        self.surface = graph.surface
+        attributes = tuple(sorted(graph.surfaces.get(graph.surface, ())))
         self._watched = {
             layer.name: layer.kind.score.watch(layer, outline, graph.shot, attributes)
             for layer in graph.layers

@@ -40,7 +40,7 @@ def test_a_layer_is_the_mean_of_its_samples(scene):
 def test_an_empty_plan_runs_nothing(scene):
     _, device = scene
     executor = Executor(device, device)
-    drain(executor.run(Graph((), (), None, frozenset(), frozenset()), Sampling(*SIZE)))
+    drain(executor.run(Graph((), (), {}, frozenset()), Sampling(*SIZE)))
     assert executor.execution.images == executor.execution.timings == {}
 
 
@@ -115,6 +115,8 @@ def test_a_collector_sees_the_first_sample_of_every_tile(scene, monkeypatch):
     seen = []
 
     class Rows:
+        surface = depth_graph(outline).surface
+
         def add(self, chunk, surface, layers):
             assert surface["depth"].shape == layers["Depth"].shape == (chunk.y1 - chunk.y0, chunk.width)
             seen.append((chunk.y0, chunk.y1, chunk.sample))
@@ -131,6 +133,8 @@ def test_a_cancel_is_heeded_between_two_slices_of_collecting(scene):
     slices = []
 
     class Slow:
+        surface = depth_graph(outline).surface
+
         def add(self, chunk, surface, layers):
             for number in range(3):
                 slices.append(number)

@@ -24,7 +24,7 @@ def bake(monkeypatch):
     surface = Node(Step("surface", rate=Rate.SAMPLE), "", (), {})
     shades = [Node(Step("shade", rate=Rate.SAMPLE), "", (surface, each), {}) for each in maps]
     layers = tuple(PlannedLayer(f"Layer {k}", "", shade, LIT) for k, shade in enumerate(shades))
-    graph = Graph(layers, (), surface, frozenset(), frozenset())
+    graph = Graph(layers, (), {surface: frozenset()}, frozenset())
     order = [(node, MAP_SECONDS) for node in maps]
     for _ in range(CHUNKS):
         order += [(surface, SURFACE_SECONDS), *((shade, SHADE_SECONDS) for shade in shades)]
@@ -109,7 +109,7 @@ def test_what_has_more_to_do_takes_as_many_times_as_long(monkeypatch):
     fog = Step("fog", rate=Rate.SAMPLE, work_of=lambda node: node.params["points"])
     small, large = (Node(fog, str(points), (), {"points": points}) for points in (1, 28))
     layers = tuple(PlannedLayer(f"Layer {node.instance}", "", node, LIT) for node in (small, large))
-    graph = Graph(layers, (), None, frozenset(), frozenset())
+    graph = Graph(layers, (), {}, frozenset())
     execution = Execution()
     forecast = Forecast([graph], 1, PIXELS, execution)
     execution.add_time(small, "cpu", 2.0)

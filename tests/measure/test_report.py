@@ -39,7 +39,7 @@ ERROR = LayerError(
     1e-3,
     0.4,
 )
-OUTLINE = types.SimpleNamespace(scene_name="court.blend", frame=7, size=(960, 540))
+OUTLINE = types.SimpleNamespace(scene_name="court.blend", frame=7)
 NAMES = ["Soft Shadow Key", "Soft Shadow Fill"]
 
 
@@ -57,9 +57,9 @@ def report(**changes) -> Report:
         "graph": Graph(
             (*layers, PlannedLayer("picture", "", node, LIT)),
             (LeftOut("Soft Shadow Rim", "reaches nothing in view"),),
-            None,
+            {},
             frozenset(),
-            frozenset(),
+            shot=types.SimpleNamespace(size=(960, 540)),
         ),
         "backend": "cpu",
         "backend_reason": "no GPU here",

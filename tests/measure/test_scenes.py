@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import strata_kernels
 from strata.addon.core.executor import Executor
-from strata.addon.core.graph import Graph, PlannedLayer
+from strata.addon.core.graph import Graph, Node, PlannedLayer
 from strata.addon.core.outline import Outline
 from strata.addon.core.recorder import plan
 from strata.addon.core.sampling import Sampling
@@ -30,22 +30,26 @@ TRUTH_RAYS = 256  # of each half, at every pixel; the halves' product is free of
 
 
 @dataclass
-class Shot:
-    """A scene's one layer, baked; `values` and the surface's arrays (rows, width[, 3])."""
+class Scored:
+    """A scene's one layer, baked; `values` and the arrays of its shading points (rows, width[, 3])."""
 
     outline: Outline
     graph: Graph
-    surface: dict[str, np.ndarray]
+    points: dict[str, np.ndarray]
     values: np.ndarray
     rays: CpuRays
     casters: np.ndarray
+
+    @property
+    def surface(self) -> Node:
+        return self.graph.surface
 
     @property
     def layer(self) -> PlannedLayer:
         return self.graph.layers[0]
 
     def add(self, chunk, surface, layers) -> Iterator[None]:
-        self.surface, self.values = surface, layers[self.layer.name]
+        self.points, self.values = surface, layers[self.layer.name]
         yield
 
     def measured(self, values=None, probes=PROBES, seed=0) -> LayerError:
@@ -53,13 +57,13 @@ class Shot:
         measurement = Measurement(self.graph, self.outline, probes, seed)
         width, height = self.graph.shot.size
         chunk = Chunk(width, height, 0, height, 0, (0.0, 0.0))
-        finished(measurement.add(chunk, self.surface, {self.layer.name: values}))
+        finished(measurement.add(chunk, self.points, {self.layer.name: values}))
         return finished(measurement.measure(self.layer, self.rays, self.casters, values))
 
     def truth(self) -> tuple[np.ndarray, np.ndarray]:
         """Two independent estimates (2, pixels) and the weights (pixels,), by the kernel's light samples."""
         points = [
-            np.ascontiguousarray(self.surface[name].reshape(-1, 3))
+            np.ascontiguousarray(self.points[name].reshape(-1, 3))
             for name in ("position", "geometric_normal", "shading_normal")
         ]
         emitter, eye = self.outline.lights[0].emitter.packed(), np.array(self.graph.shot.origin)
@@ -72,7 +76,7 @@ class Shot:
         return np.array([half[0] for half in halves], np.float64), halves[0][1].astype(np.float64)
 
 
-def bake(seed: int) -> Shot | None:
+def bake(seed: int) -> Scored | None:
     """None where the plan leaves the light out."""
     outline, arrays = random_scene(seed)
     graph = plan(outline, shot_of(seed), {EFFECT: EFFECT.params(resolution=256)})
@@ -82,7 +86,7 @@ def bake(seed: int) -> Shot | None:
     device.set_scene(outline, arrays)
     executor = Executor(device, device)
     layer = graph.layers[0]
-    shot = Shot(outline, graph, {}, np.empty(0), None, device.instance_mask(layer.casters))
+    shot = Scored(outline, graph, {}, np.empty(0), None, device.instance_mask(layer.casters))
     drain(executor.run(graph, Sampling(*graph.shot.size), shot))
     accelerator = executor.value(steps.ray_accelerator(outline, graph.shot), device)
     shot.rays = CpuRays(accelerator, np.array(graph.shot.origin))
@@ -90,7 +94,7 @@ def bake(seed: int) -> Shot | None:
 
 
 @cache
-def shots() -> list[tuple[Shot, np.ndarray, np.ndarray]]:
+def shots() -> list[tuple[Scored, np.ndarray, np.ndarray]]:
     baked = [shot for seed in range(SCENES + 10) if (shot := bake(seed))][:SCENES]
     assert len(baked) == SCENES
     return [(shot, *shot.truth()) for shot in baked]

@@ -105,9 +105,10 @@ def _content(outline: Outline) -> tuple:
 def surface(recorder: Recorder, outline: Outline, visible: frozenset[int], *attributes: str) -> Node:
     """What the camera sees of the instances `visible`."""
     recorder.reads_instances(visible)
-    return recorder.surface(
-        SURFACE, geometry(recorder, outline), attributes, view=recorder.shot.view, visible=visible
+    node = recorder.step(
+        SURFACE, geometry(recorder, outline), instance="camera", view=recorder.shot.view, visible=visible
     )
+    return recorder.surface(node, *attributes)
 
 
 def layered_depth(
