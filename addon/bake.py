@@ -146,15 +146,16 @@ def groups_of(
 
 
 class BakeJob:
-    """A bake under way. `advance` works for about a budget of seconds, so that it can run in time slices on
-    the main thread (a GPU) or to its end on a worker thread (the CPU). What the graph lacks of `sequence` is
+    """A bake of a scene under way: of one shot's graph, or of several shots' one after the other, which share
+    what they have in common. `advance` works for about a budget of seconds, so that it can run in time slices
+    on the main thread (a GPU) or to its end on a worker thread (the CPU). What a graph lacks of `sequence` is
     neutral in the result; `warnings` go to its report. Where `tiles` is a queue, it gets tiles of the
     composite so far, each as its first row and its pixels (rows, width, 4)."""
 
     def __init__(
         self,
         outline: Outline,
-        graph: Graph,
+        graphs: Graph | Sequence[Graph],
         arrays: Arrays,
         options: Options,
         devices: Devices | None = None,
@@ -163,7 +164,7 @@ class BakeJob:
         warnings: Sequence[str] = (),
     ):
         self.outline = outline
-        self.graph = graph
+        self.graphs = [graphs] if isinstance(graphs, Graph) else list(graphs)
         self.options = options
         self.sequence = sequence
         self.devices = devices or start_devices(options.backend)
@@ -173,17 +174,26 @@ class BakeJob:
         self.stage = "Starting"
         self._started = self._shown = time.perf_counter()
         self._seconds_left: float | None = None  # when last looked at
-        self._forecast: Forecast | None = None
+        self._forecasts: list[Forecast] = []  # of this shot and those to come
         self._measuring: Measuring | None = None
         self.tiles: deque[tuple[int, np.ndarray]] | None = None
         self._warnings = [*warnings, *outline.warnings, *arrays.warnings]
         self._read_seconds = read_seconds
-        self._look_seconds = 0.0
+        self._look_seconds: list[float] = []  # by shot
         self._held = held_bytes()
         self.memory: MemoryEstimate | None = None  # told once the look has been taken
-        self._result: Baked | None = None
+        self._results: list[Baked] = []
         self._failure: BaseException | None = None
         self._work = self._run()
+
+    @property
+    def graph(self) -> Graph:
+        """Of the first shot."""
+        return self.graphs[0]
+
+    @property
+    def _is_done(self) -> bool:
+        return len(self._results) == len(self.graphs)
 
     @property
     def seconds_left(self) -> float | None:
@@ -206,7 +216,7 @@ class BakeJob:
     def advance(self, budget_seconds: float = float("inf")) -> bool:
         """Works on, at least by a step; True when the result is there. Raises Cancelled, or what failed."""
         end = time.perf_counter() + budget_seconds
-        while self._result is None:
+        while not self._is_done:
             if self._failure is not None:
                 raise self._failure
             try:
@@ -219,52 +229,69 @@ class BakeJob:
                 raise
             if time.perf_counter() >= end:
                 break
-        return self._result is not None
+        return self._is_done
 
     def result(self) -> Baked:
+        """Of the first shot."""
+        return self.results()[0]
+
+    def results(self) -> list[Baked]:
+        """One for each shot."""
         self.advance()
-        return self._result
+        return self._results
 
     def _run(self) -> Iterator[None]:
-        started = time.perf_counter() - self._read_seconds
         executor = Executor(self.devices.primary, self.devices.fallback, keeps_inputs=False)
-        self._forecast = self._forecast_of([self.graph], executor.execution)
+        began, execution = time.perf_counter() - self._read_seconds, executor.execution
+        self._forecasts = [self._forecast(graph, [graph], execution) for graph in self.graphs]
         yield from self._look(executor)
-        sampling = sampling_of(self.graph, self.options)
-        outline, options = self.outline, self.options
-        execution = executor.execution
-        executor.outline = outline
-        groups, self.memory = groups_of(outline, self.graph, options, self._held)
+        executor.outline = self.outline
+        for number in range(len(self.graphs)):
+            yield from self._bake(executor, number, execution, began)
+            execution, began = Execution(), time.perf_counter()
+        executor.release()
+        self.progress, self.stage, self._seconds_left = 1.0, "Done", None
+
+    def _forecast(self, graph: Graph, groups: Sequence[Graph], execution: Execution) -> Forecast:
+        sampling = sampling_of(graph, self.options)
+        pixels = sampling.width * sampling.height * self.options.samples / sampling.chunk_count
+        return Forecast(groups, sampling.chunk_count, pixels, execution)
+
+    def _bake(self, executor: Executor, number: int, execution: Execution, began: float) -> Iterator[None]:
+        """One shot; what those to come read of the same stays with the executor."""
+        before = self._look_seconds[number] + (0.0 if number else self._read_seconds)
+        outline, options, graph = self.outline, self.options, self.graphs[number]
+        later, sampling = self.graphs[number + 1 :], sampling_of(graph, options)
+        groups, self.memory = groups_of(outline, graph, options, self._held)
         if self.memory.shortage:
             self._warnings.append(self.memory.shortage)
         cancelled = (*self.devices.primary.cancelled, *self.devices.fallback.cancelled)
+        self._measuring = None
         if options.probes != 0:
-            measurement = Measurement(self.graph, outline, options.probes, options.seed, cancelled)
-            outlook = MeasuringOutlook(self.graph, outline, options.probes)
-            before = self._read_seconds + self._look_seconds
-            self._measuring = Measuring(measurement, outlook, executor, outline, self.graph, before)
-        self._forecast = self._forecast_of(groups, execution)
+            measurement = Measurement(graph, outline, options.probes, options.seed, cancelled)
+            outlook = MeasuringOutlook(graph, outline, options.probes)
+            self._measuring = Measuring(measurement, outlook, executor, outline, graph, before)
+        self._forecasts[: len(self._forecasts) - len(later)] = [self._forecast(graph, groups, execution)]
         errors: dict[str, LayerError | NotMeasured] = {}
         collector = self._measuring and self._measuring.measurement
-        for number, group in enumerate(groups):
+        for count, group in enumerate(groups, start=1):
             self.stage = "Baking"
-            sampled = partial(self._show_tile, execution)
+            sampled = partial(self._show_tile, graph, execution)
             for _ in executor.run(group, sampling, collector, execution, sampled):
                 self._show_progress()
                 yield
             if self._measuring:
                 self.stage = "Measuring"
                 errors |= yield from self._showing(self._measuring.errors(group))
-            executor.keep_only(*groups[number + 1 :])
+            executor.keep_only(*groups[count:], *later)
             if len(groups) > 1:
                 give_back()
-        executor.release()
-        seconds = time.perf_counter() - started
-        self._forecast.learn()
-        self.graph, missing = with_neutral(self.graph, self.sequence, outline)
-        self._result = put_together(
+        seconds = time.perf_counter() - began
+        self._forecasts[0].learn()
+        self.graphs[number], missing = with_neutral(graph, self.sequence, outline)
+        baked = put_together(
             outline=outline,
-            graph=self.graph,
+            graph=self.graphs[number],
             devices=self.devices,
             execution=execution,
             chosen={effect.id: params for effect, params in options.chosen().items()},
@@ -272,14 +299,14 @@ class BakeJob:
             chunks=sampling.chunk_count,
             errors=errors,
             seconds=seconds,
-            look_seconds=self._look_seconds,
+            look_seconds=self._look_seconds[number],
             memory=self.memory,
             warnings=[*self._warnings, *execution.warnings],
             sequence=self.sequence,
             missing=missing,
             has_picture=options.composite,
         )
-        self.progress, self.stage, self._seconds_left = 1.0, "Done", None
+        self._results.append(baked)
 
     def _show_progress(self) -> None:
         """`progress` is the share of the expected time that has passed, and never falls. Faces count from
@@ -288,46 +315,43 @@ class BakeJob:
         if now - self._shown < SHOWING_SECONDS:
             return
         self._shown, passed = now, now - self._started
-        left = self._forecast.seconds_left()
+        left = sum(forecast.seconds_left() for forecast in self._forecasts)
         if self._measuring:
             left += self._measuring.outlook.seconds_left(passed + left)
         self.progress = max(self.progress, passed / (passed + left))
         if self._seconds_left is not None or passed > FIRST_TOLD_SHARE * (passed + left):
             self._seconds_left = left
 
-    def _show_tile(self, execution: Execution, chunk: Chunk) -> None:
+    def _show_tile(self, graph: Graph, execution: Execution, chunk: Chunk) -> None:
         """After a tile's 1st, 2nd, 4th ... and last sample. Of other groups all or nothing is there."""
         taken = chunk.sample + 1
         if self.tiles is None or (taken & chunk.sample and taken < chunk.samples):
             return
-        name = next((layer.name for layer in self.graph.layers if _is_composite(layer)), None)
+        name = next((layer.name for layer in graph.layers if _is_composite(layer)), None)
         if name in execution.films:
             tile = execution.films[name].image(slice(chunk.y0, chunk.y1))
             self.tiles.append((chunk.y0, tile))
 
     def _look(self, executor: Executor) -> Generator[None]:
-        """Takes a coarse picture of the scene and plans again with it and with the arrays: boxes alone cannot
+        """Takes a coarse picture of each shot and plans again with it and with the arrays: boxes alone cannot
         tell that a wall hides the plain behind it, and maps would be spread over both, nor whether the house
         around a lamp is close to it."""
-        if self.graph.surface is None:
-            return
-        node, device, shot = self.graph.surface, self.devices.fallback, self.graph.shot
-        geometry = executor.value(node.inputs[0], device)
-        yield
-        looking = look(device, geometry, self.outline, shot, node.params["visible"])
-        seen, self._look_seconds = yield from timed(
-            self._showing(unless_cancelled(looking, device.cancel_flag))
-        )
-        if len(seen):
-            started = time.perf_counter()
-            self.outline = replace(self.outline, distance_m=device.distance_m)
-            self.graph = plan_scene(self.outline, replace(shot, seen=seen), self.options)
-            self._look_seconds += time.perf_counter() - started
-
-    def _forecast_of(self, graphs: Sequence[Graph], execution: Execution) -> Forecast:
-        sampling = sampling_of(self.graph, self.options)
-        pixels = sampling.width * sampling.height * self.options.samples / sampling.chunk_count
-        return Forecast(graphs, sampling.chunk_count, pixels, execution)
+        device = self.devices.fallback
+        for number, graph in enumerate(self.graphs):
+            self._look_seconds.append(0.0)
+            if graph.surface is None:
+                continue
+            node, shot = graph.surface, graph.shot
+            geometry = executor.value(node.inputs[0], device)
+            yield
+            looking = look(device, geometry, self.outline, shot, node.params["visible"])
+            seen, seconds = yield from timed(self._showing(unless_cancelled(looking, device.cancel_flag)))
+            if len(seen):
+                started = time.perf_counter()
+                self.outline = replace(self.outline, distance_m=device.distance_m)
+                self.graphs[number] = plan_scene(self.outline, replace(shot, seen=seen), self.options)
+                seconds += time.perf_counter() - started
+            self._look_seconds[number] = seconds
 
     def _showing[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
         """The same, telling `progress` at its yields."""

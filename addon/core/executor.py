@@ -109,12 +109,15 @@ class Executor:
         taken = _taken_after(at[Rate.SAMPLE], takes)
         spent = _last_uses(at[Rate.SAMPLE], taken, collector and collector.surface)
         total = len(at[Rate.SCENE]) + len(at[Rate.SAMPLE]) * sampling.chunk_count + len(at[Rate.PICTURE])
-        readers = Counter(item.key for node in nodes for item in node.inputs)
+        missing = self._missing(
+            [*at[Rate.SAMPLE], *at[Rate.PICTURE], *(layer.node for layer in graph.layers)]
+        )
+        readers = Counter(item.key for node in nodes if node in missing for item in node.inputs)
         done = 0
         try:
             for node in at[Rate.SCENE]:
                 # A node that only the other device's nodes read is made there, when they ask for it.
-                if node.step.twin(self.primary.name) or self.primary is self.fallback:
+                if node in missing and (node.step.twin(self.primary.name) or self.primary is self.fallback):
                     self._go_on(context)
                     self.value(node, self.primary)
                     self._free_inputs(node, readers)
@@ -226,7 +229,7 @@ class Executor:
             self.value(node, self._home(node), margin)
 
     def _missing(self, roots: Iterable[Node]) -> set[Node]:
-        """Nodes of a frame that are still to be made: not those whose every reader is there already."""
+        """Nodes that are still to be made: not those whose every reader is there already."""
         missing: set[Node] = set()
         queue = list(roots)
         while queue:

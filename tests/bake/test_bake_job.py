@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from dataclasses import replace
 
 import numpy as np
@@ -137,7 +137,7 @@ def test_looking_and_measuring_come_in_slices():
     outline, arrays = random_scene(1)
     job = job_of(outline, arrays, shot_of(1, (1600, 1600)), probes=2048)
     stages = []
-    while job._result is None:
+    while not job._is_done:
         next(job._work, None)
         stages.append(job.stage)
     assert stages.count("Starting") >= 3  # a 400 x 400 look in strips
@@ -300,3 +300,30 @@ def test_only_probes_that_nobody_set_are_limited():
     (layer,) = bake(probes=128).report.layers
     assert layer.error.probes_in_time is None
     assert "probes_in_time" not in layer.to_json()["error"]
+
+
+def test_shots_of_one_job_share_what_no_camera_changes():
+    """A lamp's maps for fog are made once for two cameras, and no pixel is another than by itself."""
+    lamps = [
+        replace(
+            lamp(),
+            kind="POINT",
+            emitter=Emitter(EmitterKind.SPHERE, (0.0, 0.0, 5.0), *DOWN.values(), 0.0, 0.0),
+        )
+    ]
+    outline, arrays = scene_of([FLOOR, PLATE], lamps)
+    aside = replace(FROM_ABOVE.source.camera, eye=(0.5, 0.0, 9.0))
+    shots = FROM_ABOVE, replace(FROM_ABOVE, name="Aside", source=Raster(aside, (48, 32)))
+    fog = {"use_scene_medium": False, "scattering_per_m": (0.1, 0.1, 0.1)}
+    options = Options(("soft_shadow", "volumetric_light"), "cpu", 1, 0, {"volumetric_light": fog})
+    graphs = [plan_scene(outline, shot, options) for shot in shots]
+    together = BakeJob(outline, graphs, arrays, options).results()
+    ran = [Counter(step.name for step in baked.report.steps) for baked in together]
+    assert ran[0]["volumetric_light/light_map"] > 0
+    assert ran[1]["volumetric_light/light_map"] == ran[1]["geometry"] == 0
+    assert ran[1]["surface"] == ran[1]["volumetric_light/airlight"] == 1
+    for graph, baked in zip(graphs, together, strict=True):
+        alone = BakeJob(outline, graph, arrays, options).result()
+        assert [each.name for each in alone.layers.layers] == [each.name for each in baked.layers.layers]
+        for one, other in zip(alone.layers.layers, baked.layers.layers, strict=True):
+            assert np.array_equal(one.pixels, other.pixels)

@@ -98,7 +98,7 @@ def test_the_time_left_rises_where_steps_take_longer_and_progress_never_falls():
     while job.stage != "Baking" or job.seconds_left is None:
         assert not job.advance(0.0)
     done = job.progress
-    job._forecast = SimpleNamespace(seconds_left=lambda: 1000.0)
+    job._forecasts = [SimpleNamespace(seconds_left=lambda: 1000.0)]
     time.sleep(SHOWING_SECONDS)
     assert not job.advance(0.0)
     assert 990.0 < job.seconds_left <= 1000.0
