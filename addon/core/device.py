@@ -52,8 +52,9 @@ class Device(Protocol):
     def from_host(self, value: Any) -> Any:
         """The inverse of `to_host`."""
 
-    def cropped(self, value: Any, margin: int) -> Any:
-        """The value's images (rows, columns[, channels]) without so many pixels at each side."""
+    def cropped(self, value: Any, first: tuple[int, int], shape: tuple[int, int]) -> Any:
+        """Of the value's images (rows, columns[, channels]) `shape` rows and columns, from row and column
+        `first` on."""
 
     def size_of(self, value: Any) -> int:
         """Bytes that the value's arrays take; 0 for handles that do not tell."""

@@ -262,10 +262,7 @@ class Executor:
         elif self._usable(node, device) and (self._home(node) is device or not node.step.copyable):
             most = self._now.margins.get(node, (margin,))[0]
             if margin < most and node.step.croppable:
-                whole = self.value(node, device, most)
-                value = self._timed(
-                    node, device, device.name, 0, lambda: device.cropped(whole, most - margin)
-                )
+                value = self._cropped(node, device, most, margin)
             else:
                 value = self._run(node, device, margin)
         else:
@@ -277,6 +274,12 @@ class Executor:
             value = self._timed(node, device, way, 1, lambda: device.from_host(other.to_host(source)))
         store.put(key, value, device)
         return value
+
+    def _cropped(self, node: Node, device: Device, most: int, margin: int) -> Any:
+        """The part that is wanted of a value with more pixels around the chunk."""
+        whole, first = self.value(node, device, most), (most - margin, most - margin)
+        shape = self._now.chunk.grown(margin).shape
+        return self._timed(node, device, device.name, 0, lambda: device.cropped(whole, first, shape))
 
     def _timed(self, node: Node, device: Device, where: str, runs: int, work: Callable[[], Any]) -> Any:
         """What `work` returns, a copy of the node's value."""

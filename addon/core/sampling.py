@@ -14,8 +14,7 @@ from .shot import PixelFilter
 from .surface import Chunk
 
 PIXELS_PER_TILE = 9 << 17  # bounds the memory that a surface takes; so many that an HD image has two tiles
-# Whole groups of rows as kernels share them among threads, and whole cells of 2, 3 or 4 pixels, so that no
-# result depends on where a tile begins.
+# Whole groups of rows as kernels share them among threads.
 TILE_ROWS = 48
 TABLE_LENGTH = 4096
 

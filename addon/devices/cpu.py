@@ -150,10 +150,11 @@ class CpuDevice:
     def from_host(self, value: Any) -> Any:
         return value
 
-    def cropped(self, value: Any, margin: int) -> Any:
+    def cropped(self, value: Any, first: tuple[int, int], shape: tuple[int, int]) -> Any:
         if isinstance(value, dict):
-            return {name: self.cropped(each, margin) for name, each in value.items()}
-        return np.ascontiguousarray(value[margin:-margin, margin:-margin])
+            return {name: self.cropped(each, first, shape) for name, each in value.items()}
+        rows, columns = (slice(start, start + side) for start, side in zip(first, shape, strict=True))
+        return np.ascontiguousarray(value[rows, columns])
 
     def size_of(self, value: Any) -> int:
         return bytes_of(value)

@@ -164,8 +164,8 @@ class GpuDevice:
     def from_host(self, value: Any) -> Any:
         return self.upload(value) if isinstance(value, np.ndarray) else _mapped(value, self.from_host)
 
-    def cropped(self, value: Any, margin: int) -> Any:
-        return cropped(self, value, margin)
+    def cropped(self, value: Any, first: tuple[int, int], shape: tuple[int, int]) -> Any:
+        return cropped(self, value, first, shape)
 
     def size_of(self, value: Any) -> int:
         return bytes_of(value)

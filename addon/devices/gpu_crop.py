@@ -21,12 +21,11 @@ def _crop(image: GpuImage) -> Shader:
     )
 
 
-def cropped(device: GpuSteps, value: Any, margin: int) -> Any:
+def cropped(device: GpuSteps, value: Any, first: tuple[int, int], shape: tuple[int, int]) -> Any:
     """See Device.cropped."""
     if isinstance(value, dict):
-        return {name: cropped(device, each, margin) for name, each in value.items()}
-    height, width = (side - 2 * margin for side in value.shape[:2])
-    part = device.new_image((height, width, *value.shape[2:]), value.dtype)
-    params = {"size": (width, height, margin)}
-    device.dispatch(_crop(value), (width, height), {"part": part}, {"whole": value}, params)
+        return {name: cropped(device, each, first, shape) for name, each in value.items()}
+    part = device.new_image((*shape, *value.shape[2:]), value.dtype)
+    size = shape[::-1]
+    device.dispatch(_crop(value), size, {"part": part}, {"whole": value}, {"size": (*size, *first[::-1])})
     return part

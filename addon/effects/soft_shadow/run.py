@@ -39,8 +39,6 @@ CLOSE, CLOSE_SAMPLES = 3.0, 8
 """Where something is closer to a spot or a point than so many radii, a point reads so many times as many
 texels: what is close is seen at a slant, and coarser maps of it are not its shape."""
 
-POINTS = ("position", "geometric_normal", "shading_normal")
-
 
 def needed(outline: Outline) -> str | None:
     """Why the scene has no soft shadow to compute, or None."""
@@ -116,7 +114,7 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers)
     params = light.params_for("soft_shadow", params)
     if not params.rays and params.method == Method.HYBRID:
         params = replace(params, method=Method.BITMASK)
-    attributes = POINTS if light.receivers is None else (*POINTS, "instance")
+    attributes = steps.POINTS if light.receivers is None else (*steps.POINTS, "instance")
     surface = shared.surface(recorder, outline, visible, *attributes)
     away = _distances(outline, light.emitter, casters)
     close = _close_casters(params, light.emitter, casters, away)
@@ -151,8 +149,9 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers)
         inner = view
     eye = recorder.shot.origin
     tables = _tables(recorder, outline, light, close, views)
+    spacing = 1 if params.method == Method.AREA else params.spacing
     shadow = recorder.step(
-        steps.BACKPROJECT,
+        steps.BACKPROJECT if spacing == 1 else steps.BETWEEN,
         surface,
         *maps,
         *tables,
@@ -162,7 +161,7 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers)
         method=params.method.value,
         max_samples=_max_samples(params, light.emitter, away),
         refinements=params.refinements,
-        spacing=1 if params.method == Method.AREA else params.spacing,
+        spacing=spacing,
         maps=len(maps),
     )
     if params.method == Method.HYBRID or close:

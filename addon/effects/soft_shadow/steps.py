@@ -7,9 +7,13 @@ import numpy as np
 from ...core.graph import Node, Rate, Step
 from ...core.outline import Outline
 from ...core.random import hash_bits
+from ...core.surface import Chunk
 from ..shared.membership import belong
 from . import beside, gpu_steps
 from .params import Method
+
+POINTS = ("position", "geometric_normal", "shading_normal")
+"""What of a surface a light's maps are asked at."""
 
 UNSURE, CLOSE = 1, 2
 """Of a point left to rays: the map is not to be believed, or knows nothing of what is close to the light."""
@@ -47,6 +51,21 @@ def _backproject(
     return {"visibility": visibility, "uncertain": uncertain}
 
 
+def _between(backproject):
+    """A twin that evaluates points of the image's grid, and others where those do not tell."""
+
+    def twin(device, surface, *maps_and_tables, spacing: int, chunk: Chunk, **more):
+        # Whole cells of the grid, which begins at the image's first pixel.
+        inside = chunk.y0 % spacing, chunk.x0 % spacing
+        first = tuple(spacing - 1 - each for each in inside)
+        shape = tuple(side - start for side, start in zip(chunk.grown(spacing - 1).shape, first, strict=True))
+        points = device.cropped({name: surface[name] for name in POINTS}, first, shape)
+        shadow = backproject(device, points, *maps_and_tables, spacing=spacing, **more)
+        return device.cropped(shadow, inside, chunk.shape)
+
+    return twin
+
+
 def _beside(device, *looks, emitter, view):
     return beside.table(device, looks, emitter, view)
 
@@ -58,10 +77,7 @@ def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, see
         chosen = np.flatnonzero(shadow["uncertain"] == doubt)
         if not len(chosen):
             continue
-        points = [
-            np.ascontiguousarray(surface[name].reshape(-1, 3)[chosen])
-            for name in ("position", "geometric_normal", "shading_normal")
-        ]
+        points = [np.ascontiguousarray(surface[name].reshape(-1, 3)[chosen]) for name in POINTS]
         # Pixels and samples are told apart, whatever the tiles and the device.
         own = int(hash_bits(seed, chunk.sample))
         numbers = chunk.numbers(chosen)
@@ -107,6 +123,15 @@ PREPARE = Step(
 # Texels projected back onto the light from every shading point (thesis eq. 5.3).
 BACKPROJECT = Step(
     "soft_shadow/backproject", cpu=_backproject, gpu=gpu_steps.backproject, ordinary_seconds=1200e-9
+)
+# The same where a grid of points is evaluated first: its cells reach into the next tile.
+BETWEEN = Step(
+    "soft_shadow/between",
+    cpu=_between(_backproject),
+    gpu=_between(gpu_steps.backproject),
+    rate=Rate.SAMPLE,
+    reach=lambda node: node.params["spacing"] - 1,
+    ordinary_seconds=600e-9,
 )
 # Where in a map's window to doubt it for what stands beside the window, close to the light.
 BESIDE = Step("soft_shadow/beside", cpu=_beside, hole="a table of a thousand entries")

@@ -98,7 +98,8 @@ def _scattered(device, surface, *parts, view, intensity, shares, stride, chunk: 
     image = device.kernels.upsample_by_depth(
         total, coarse_depth, depth, stride, lattice.shown, cancel=device.cancel_flag
     )
-    return device.cropped(image, stride)  # the outermost pixels have no rays around them
+    # The outermost pixels have no rays around them.
+    return device.cropped(image, (stride, stride), chunk.shape)
 
 
 def _transmittance(device, surface, view, medium: Medium, chunk: Chunk):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import bpy
 import numpy as np
 import pytest
 import strata_kernels as kernels
+from strata.addon.bake import Options, bake
 from strata.tests.effects.soft_shadow.scenes import GROUND, HIGH, LOW, UP, Stage, ground_points, lamp
 from strata.tests.support import closed_forms
 
@@ -87,3 +89,34 @@ def test_points_that_are_no_image_and_other_methods_know_no_spacing():
         )
     with pytest.raises(ValueError, match="at least 1"):
         kernels.soft_shadow_backproject(*image, spacing=0)
+
+
+def tilted_plane_under_a_box() -> bpy.types.Scene:
+    """A camera looks down on a plane that fills its view; a box beside the view shadows it."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    bpy.ops.mesh.primitive_plane_add(size=60.0, rotation=(0.1, 0.05, 0.0))
+    bpy.ops.mesh.primitive_cube_add(size=1.0, location=(-1.5, 0.4, 6.5))
+    bpy.ops.object.camera_add(location=(0.0, 0.0, 6.0))
+    scene.camera = bpy.context.object
+    data = bpy.data.lights.new("Lamp", "AREA")
+    data.energy, data.size = 500.0, 1.0
+    lamp = bpy.data.objects.new("Lamp", data)
+    lamp.location = (-3.0, 0.8, 13.0)
+    scene.collection.objects.link(lamp)
+    return scene
+
+
+@pytest.mark.parametrize("spacing", [2, 3])
+def test_tiles_do_not_show(backend, spacing, monkeypatch):
+    scene, size = tilted_plane_under_a_box(), (40, 30)
+    values = {"soft_shadow": {"spacing": spacing, "resolution": 256}}
+    options = Options(("soft_shadow",), backend, samples=1, probes=0, values=values)
+    found = []
+    for rows in (30, 24, 7, 1):
+        monkeypatch.setattr("strata.addon.core.sampling.PIXELS_PER_TILE", size[0] * rows)
+        baked = bake(scene, scene.view_layers[0], options, size=size)
+        found.append(baked.layers.layers[0].pixels)
+    assert ((found[0] > 0.0) & (found[0] < 1.0)).mean() > 0.1  # a penumbra
+    for tiled in found[1:]:
+        np.testing.assert_array_equal(tiled, found[0])
