@@ -71,14 +71,12 @@ class MeasuringOutlook:
     def seconds_left(self, baking_seconds: float) -> float:
         """Where the bake without measuring takes so many seconds."""
         tree = 0.0 if self.has_tree else self._tree
-        if self._done:
-            each = self._taken / self._done
-        else:
-            each = PROBE_SECONDS * (DEFAULT_PROBES if self._probes is None else self._probes)
-            if self._probes is None:
-                allowed = USED_SHARE * max(allowed_seconds(baking_seconds) - tree, 0.0)
-                each = min(each, allowed / max(self._layers, 1))
         left = self._layers - self._done
+        if self._probes is None:  # layers differ tenfold, and share what time there is
+            allowed = max(allowed_seconds(baking_seconds) - tree - self._taken, 0.0)
+            each = min(PROBE_SECONDS * DEFAULT_PROBES, USED_SHARE * allowed / max(left, 1))
+        else:
+            each = self._taken / self._done if self._done else PROBE_SECONDS * self._probes
         if left <= 0:
             return tree
         if self._expected is not None:
@@ -101,21 +99,25 @@ def within[Result](
     The clock decides, not what was found, so that the estimates stay unbiased; powers of two, so that a bake
     that is made again seldom gets another number.
     """
-    found, spent = None, 0.0
+    found, spent, before = None, 0.0, 0.0
     for number, probes in enumerate(PILOTS):
         if number == 0 and seconds <= 0.0:
             continue  # there is nothing to find out
         result, took = yield from timed(work(probes))
         found, spent = (result, probes), spent + took
         if number == 0:
+            before = took
             continue
         affordable = probes * (seconds - spent) / max(took, 1e-6)
         if number + 1 == len(PILOTS):
             while 2 * probes <= min(affordable, most):
                 probes *= 2
             if probes > found[1]:
-                expect(took * probes / found[1])
+                # What all numbers of probes need besides shows between the pilots.
+                each = max(took - before, 0.0) / (found[1] - PILOTS[number - 1])
+                expect(min(took + each * (probes - found[1]), took * probes / found[1]))
                 found = (yield from work(probes)), probes
         elif affordable < PILOTS[number + 1]:
             break
+        before = took
     return found

@@ -101,7 +101,7 @@ def test_what_the_pilots_say_of_a_layer_is_believed():
 
     finished(outlook.watched(measured()))
     assert told == [pytest.approx(5.0 + 2048 * 3e-4)]  # and the other as layers mostly do
-    assert outlook.seconds_left(100.0) == pytest.approx(5.0)
+    assert outlook.seconds_left(100.0) == pytest.approx(2048 * 3e-4)
 
 
 def test_what_has_more_to_do_takes_as_many_times_as_long(monkeypatch):
