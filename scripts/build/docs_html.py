@@ -22,6 +22,7 @@ DOCUMENTS = {
     "docs/performance.md": "performance.html",
     "docs/stability.md": "stability.html",
     "docs/architecture.md": "architecture.html",
+    "docs/new_effect.md": "new_effect.html",
     "CHANGELOG.md": "changes.html",
 }
 INDEX = "index.html"
