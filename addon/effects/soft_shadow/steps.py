@@ -124,9 +124,9 @@ PREPARE = Step(
 BACKPROJECT = Step(
     "soft_shadow/backproject", cpu=_backproject, gpu=gpu_steps.backproject, ordinary_seconds=1200e-9
 )
-# The same where a grid of points is evaluated first: its cells reach into the next tile.
+# The same step where a grid of points is evaluated first: its cells reach into the next tile.
 BETWEEN = Step(
-    "soft_shadow/between",
+    "soft_shadow/backproject",
     cpu=_between(_backproject),
     gpu=_between(gpu_steps.backproject),
     rate=Rate.SAMPLE,
