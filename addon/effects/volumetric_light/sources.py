@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import lru_cache
 
 import numpy as np
 
 from ...core.emitter import Emitter, EmitterKind
 from ...core.outline import Light
-from ...core.view import Vector
+from ...core.view import Vector, View
 
 GOLDEN = 0.5 * (1.0 + math.sqrt(5.0))
 PLASTIC = 1.324717957244746  # of the R2 sequence (Roberts 2018)
@@ -46,6 +47,32 @@ class Source:
         """(13,) float64: kind, position, axis, radius, is_sphere, cos_cone, blend, tan_half_spread, 0."""
         shape = (self.radius, float(self.is_sphere), self.cos_cone, self.blend, self.tan_half_spread, 0.0)
         return np.array([float(self.kind), *self.position, *self.axis, *shape], np.float64)
+
+
+@lru_cache(maxsize=1024)
+def share_in_cone(source: Source, view: View, columns: int = 16, rows: int = 9) -> float:
+    """The share of a view's rays that come into a source's cone, as if no surface ended them; of so many."""
+    left, right, bottom, top = view.window
+    across = left + (right - left) * (np.arange(columns) + 0.5) / columns
+    upwards = bottom + (top - bottom) * (np.arange(rows) + 0.5) / rows
+    aside = (across[None, :, None] * view.right + upwards[:, None, None] * np.array(view.up)).reshape(-1, 3)
+    origin = np.array(view.eye) - source.position
+    origins, directions = (
+        (origin + aside, view.forward) if view.orthographic else (origin, view.forward + aside)
+    )
+    origins, directions = np.broadcast_arrays(origins, directions)
+    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    axis, squares = np.array(source.axis), np.maximum((origins**2).sum(axis=1), 1e-30)
+    ahead, along, closing = origins @ axis, directions @ axis, (origins * directions).sum(axis=1)
+    # The cosine to the axis, (ahead + t along) / |origin + t direction|, is highest at the eye, at the ray's
+    # end or between, where its slope is 0.
+    slope = ahead - along * closing
+    with np.errstate(divide="ignore", invalid="ignore"):
+        best = (along * squares - ahead * closing) / slope
+        between = (ahead + best * along) / np.sqrt(squares + best * (2.0 * closing + best))
+    highest = np.maximum(ahead / np.sqrt(squares), along)
+    highest = np.fmax(highest, np.where((best > 0.0) & np.isfinite(best), between, -1.0))
+    return float((highest >= source.cos_cone).mean())
 
 
 def sources_of(light: Light, count: int) -> tuple[Source, ...]:

@@ -10,7 +10,7 @@ from ...core.outline import Outline
 from ...core.surface import Chunk
 from . import gpu_steps
 from .lattice import Lattice, lattice_of
-from .sources import Source
+from .sources import Source, SourceKind, share_in_cone
 
 
 def _light_map(device, depth, view):
@@ -125,10 +125,18 @@ def _upsampling_reach(node: Node) -> int:
     return node.params["stride"] if node.params["stride"] > 1 else 0
 
 
+LEAST_SHARE = 0.05
+"""Of the work on rays that come into a spot's cone, what those beside it are."""
+
+
 def _work(node: Node) -> float:
-    """Each point of a source has its walk along a ray, and half as much again for each more of its maps."""
-    counts = node.params["counts"]
-    return max(0.5 * (len(counts) + sum(counts)), 1.0)
+    """Each point of a source has its walk along a ray, and half as much again for each more of its maps; rays
+    beside a spot's cone have next to nothing to do."""
+    counts, source = node.params["counts"], node.params["source"]
+    work = max(0.5 * (len(counts) + sum(counts)), 1.0)
+    if source.kind == SourceKind.SPOT:
+        work *= max(share_in_cone(source, node.params["view"]), LEAST_SHARE)
+    return work
 
 
 def _light_map_bytes(node: Node, outline: Outline) -> int:
