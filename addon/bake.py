@@ -267,7 +267,7 @@ class BakeJob:
             self._warnings.append(self.memory.shortage)
         cancelled = (*self.devices.primary.cancelled, *self.devices.fallback.cancelled)
         self._measuring = None
-        if options.probes != 0:
+        if options.probes != 0 and graph.shot.has_eye:  # probes lie along view rays
             measurement = Measurement(graph, outline, options.probes, options.seed, cancelled)
             outlook = MeasuringOutlook(graph, outline, options.probes)
             self._measuring = Measuring(measurement, outlook, executor, outline, graph, before)
@@ -339,7 +339,7 @@ class BakeJob:
         device = self.devices.fallback
         for number, graph in enumerate(self.graphs):
             self._look_seconds.append(0.0)
-            if graph.surface is None:
+            if graph.surface is None or not graph.shot.has_eye:
                 continue
             node, shot = graph.surface, graph.shot
             geometry = executor.value(node.inputs[0], device)

@@ -99,6 +99,9 @@ def receivers_in_view(outline: Outline, shot: Shot) -> tuple[np.ndarray, np.ndar
     """Which instances the shot may show (N,) bool, and boxes (M, 2, 3) around what it shows of them: those of
     its coarse picture, or one around all."""
     boxes = boxes_of(outline)
+    if not shot.has_eye:
+        seen = outline.instances.mask(shot.source.instances)
+        return seen, boxes[seen]
     if not len(boxes):
         return np.zeros(0, bool), np.zeros((0, 2, 3))
     view = shot.view

@@ -14,8 +14,9 @@ import numpy as np
 from .arrays import Arrays, Placed
 from .outline import Outline
 from .shader import Shader
+from .surface import Chunk
 from .uniforms import Uniforms
-from .view import View
+from .view import Vector, View
 from .view_rays import ViewRays
 
 
@@ -70,6 +71,14 @@ class CpuSteps(Device, Protocol):
     """What twins on the CPU call. `kernels` is the native module; a geometry is its handle."""
 
     kernels: Any
+
+    def laid_out(self, instances: frozenset[int]) -> Any:
+        """The triangles of these instances where their UV maps put them, for `chart`."""
+
+    def chart(
+        self, laid_out: Any, origin: Vector, chunk: Chunk, attributes: frozenset[str]
+    ) -> dict[str, np.ndarray]:
+        """Their shading points at the chunk's texels (core/surface.py), positions relative to `origin`."""
 
     def vertex_values(self, name: str) -> list[tuple[int, np.ndarray]]:
         """Meshes whose vertices have values of that name, which the graph asked for: index and (V,)

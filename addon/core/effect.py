@@ -24,6 +24,12 @@ class Reduce(Enum):
     FIRST = "first"
 
 
+class Need(Enum):
+    """What an effect cannot do without."""
+
+    EYE = "an eye"  # that looks along rays
+
+
 def no_shaders() -> Iterable[Shader]:
     """Of an effect that runs on the CPU only."""
     return ()
@@ -63,7 +69,7 @@ class Effect:
     effects may build on (`Recorder.ask`), recorded by `record(recorder, outline, params, of, *inputs)`;
     `shaders()` yields every GPU program that its steps may compile; `presets` are values by name, over the
     defaults; `object_params` are what an object or a material may have of its own. Not `on_by_default`: a
-    style, which would cover the picture of a scene that never asked for it.
+    style, which would cover the picture of a scene that never asked for it. `needs`: what a shot must have.
 
     `ruled_out(kind, light, params, has_media)`: whether no frame can need a layer of that kind as long as the
     lamp and the parameters are these, whatever moves; either is None where it may change, and a light's place
@@ -83,6 +89,7 @@ class Effect:
     on_by_default: bool = True
     ruled_out: Callable[[LayerKind, Any, Any, bool], bool] = not_ruled_out
     presets: dict[str, dict[str, Any]] = field(default_factory=dict, hash=False, compare=False)
+    needs: frozenset[Need] = frozenset()
 
     def __post_init__(self):
         for kind in self.layers:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 
-from .effect import Effect, LayerKind, Offer
+from .effect import Effect, LayerKind, Need, Offer
 from .graph import Graph, LeftOut, Node, PlannedLayer, Step
 from .naming import lamp_pass_name, layer_name, named_some
 from .outline import Outline
@@ -187,7 +187,9 @@ def plan(
     recorder = Recorder(outline, shot, offers, lamps, keeps_unused)
     for effect, params in effects.items():
         recorder.effect, recorder.params = effect, params
-        if reason := effect.needed(outline):
+        if Need.EYE in effect.needs and not shot.has_eye:
+            recorder.left_out(effect.title, "a UV chart has no eye")
+        elif reason := effect.needed(outline):
             recorder.left_out(effect.title, reason)
         elif lamps is not None and not any(kind.of is Subject.LAMP for kind in effect.layers):
             recorder.left_out(effect.title, "only lamps' layers were asked for")

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from .errors import StrataError
+from .outline import Outline
 from .view import Vector, View
 
 LARGEST_SIDE = 32_768  # pixels; the rasteriser counts 1/256 pixels in 32 bits
@@ -117,16 +118,55 @@ class Raster:
 
 
 @dataclass(frozen=True)
+class Chart:
+    """An object's surface, laid out over the unit square by its render UV map: `size` texels wide and high.
+    No eye looks at it: depth is 0 and normals face outward. `instances` are the object's in the outline;
+    positions are relative to `origin`. Where UVs overlap the first instance and triangle is seen."""
+
+    object: str
+    instances: frozenset[int]
+    origin: Vector
+    size: tuple[int, int]
+
+    pixel_aspect = 1.0, 1.0
+    region = None
+    crop = False
+
+    @classmethod
+    def of(cls, outline: Outline, name: str, size: tuple[int, int]) -> Chart:
+        """Of the object that is called so. Raises StrataError where there is none."""
+        found = [index for index, each in enumerate(outline.instances) if each.name == name]
+        if not found:
+            raise StrataError(f"no object '{name}' has a surface")
+        if not 1 <= min(size) <= max(size) <= LARGEST_SIDE:
+            raise StrataError(f"a chart of {size[0]} x {size[1]} texels: 1 to {LARGEST_SIDE} a side")
+        return cls(name, frozenset(found), outline.instances[found[0]].bounds.centre, size)
+
+    @property
+    def computed_size(self) -> tuple[int, int]:
+        return self.size
+
+    def framed(self, image: np.ndarray, outside: float = 0.0) -> np.ndarray:
+        """The image itself: all of a chart is computed."""
+        return image
+
+
+@dataclass(frozen=True)
 class Shot:
     """One picture of a scene. `source` says where its shading points are; each pixel's samples are spread as
     `pixel_filter` says and drawn by `seed`. `seen`: boxes (M, 2, 3) float64 around what a coarse picture
     shows, once somebody has taken one."""
 
     name: str
-    source: Raster
+    source: Raster | Chart
     pixel_filter: PixelFilter = PixelFilter()
     seed: int = 0
     seen: np.ndarray | None = field(default=None, compare=False)
+
+    @property
+    def has_eye(self) -> bool:
+        """Whether somebody looks at its points: not so on a chart, which has no `view`."""
+        return isinstance(self.source, Raster)
 
     @property
     def view(self) -> View:
@@ -135,8 +175,8 @@ class Shot:
 
     @property
     def origin(self) -> Vector:
-        """World position that the positions of shading points are relative to: the eye."""
-        return self.source.view.eye
+        """World position that the positions of shading points are relative to: the eye, if there is one."""
+        return self.source.view.eye if self.has_eye else self.source.origin
 
     @property
     def size(self) -> tuple[int, int]:

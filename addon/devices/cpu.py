@@ -16,9 +16,11 @@ from ..core.arrays import Arrays, MeshArrays, Placed, bytes_of
 from ..core.graph import Node
 from ..core.outline import Outline
 from ..core.shot import Shot
+from ..core.surface import Chunk
 from ..core.view import Vector
 from ..core.view_rays import ViewRays
 from .camera_rays import CameraRays
+from .chart import LaidOut, chart_points, lay_out
 
 POLL_SECONDS = 0.01
 
@@ -97,6 +99,18 @@ class CpuDevice:
         arrays = self._arrays
         mesh = self._triangles(arrays.meshes[self._outline.instances[instance].mesh])
         return mesh.distance(arrays.matrices[instance], list(place), most_m)
+
+    def laid_out(self, instances: frozenset[int]) -> LaidOut:
+        """The triangles of these instances where their UV maps put them, for `chart`."""
+        return lay_out(self.geometry_of, triangulate, self._outline, self._arrays, instances)
+
+    def chart(
+        self, laid_out: LaidOut, origin: Vector, chunk: Chunk, attributes: frozenset[str]
+    ) -> dict[str, np.ndarray]:
+        """Their shading points at the chunk's texels, positions relative to `origin`."""
+        return chart_points(
+            self.kernels, self.cancel_flag, self._outline, self._arrays, laid_out, origin, chunk, attributes
+        )
 
     def vertex_values(self, name: str) -> list[tuple[int, np.ndarray]]:
         """Meshes whose vertices have values of that name, which the graph asked for: index and (V,)

@@ -32,6 +32,14 @@ def _surface(device, geometry, view, visible, chunk, attributes):
     )
 
 
+def _laid_out(device, geometry, instances):
+    return device.laid_out(instances)
+
+
+def _chart(device, laid_out, instances, origin, chunk, attributes):
+    return device.chart(laid_out, origin, chunk, attributes)
+
+
 def _layered_depth(device, geometry, view, casters, layers, width, height):
     return device.kernels.layered_depth(
         geometry,
@@ -74,6 +82,10 @@ def depth_bytes(node: Node, outline: Outline) -> int:
 GEOMETRY = Step("geometry", cpu=_geometry, gpu=gpu_steps.geometry, copyable=False, bytes_of=_geometry_bytes)
 # Shading points of one tile and sample: a dict of attribute arrays (core/surface.py).
 SURFACE = Step("surface", cpu=_surface, gpu=gpu_steps.surface, rate=Rate.SAMPLE, ordinary_seconds=200e-9)
+# An object's triangles where its UV map puts them, and the shading points of a chart of them (core/shot.py).
+ON_CPU = "charts are laid out on the CPU"
+LAID_OUT = Step("laid_out", cpu=_laid_out, hole=ON_CPU, copyable=False)
+CHART = Step("chart", cpu=_chart, hole=ON_CPU, rate=Rate.SAMPLE)
 # The nearest `layers` depths along each texel's ray, ascending, by single-pass k-buffer (thesis 4.3).
 LAYERED_DEPTH = Step(
     "layered_depth",
@@ -103,11 +115,15 @@ def _content(outline: Outline) -> tuple:
 
 
 def surface(recorder: Recorder, outline: Outline, visible: frozenset[int], *attributes: str) -> Node:
-    """What the camera sees of the instances `visible`."""
+    """The shot's shading points on the instances `visible`."""
     recorder.reads_instances(visible)
-    node = recorder.step(
-        SURFACE, geometry(recorder, outline), instance="camera", view=recorder.shot.view, visible=visible
-    )
+    shot, scene = recorder.shot, geometry(recorder, outline)
+    if shot.has_eye:
+        node = recorder.step(SURFACE, scene, instance="camera", view=shot.view, visible=visible)
+    else:
+        recorder.wants("uv")
+        laid_out = recorder.step(LAID_OUT, scene, instance=shot.name, instances=visible)
+        node = recorder.step(CHART, laid_out, instance=shot.name, instances=visible, origin=shot.origin)
     return recorder.surface(node, *attributes)
 
 

@@ -2,7 +2,7 @@
 
 import math
 
-from ...core.effect import Effect, LayerKind
+from ...core.effect import Effect, LayerKind, Need
 from ...core.roles import Role
 from ...measure.image import MaskScore
 from .gpu_steps import variants
@@ -38,6 +38,7 @@ EFFECT = Effect(
     layers=(TOON, HALFTONE, OUTLINE),
     on_by_default=False,
     needed=needed,
+    needs=frozenset({Need.EYE}),
     ruled_out=ruled_out,
     shaders=variants,
     run=run,

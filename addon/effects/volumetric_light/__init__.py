@@ -1,6 +1,6 @@
 """Light scattered by a homogeneous medium, with the shadows in it; see README.md in this folder."""
 
-from ...core.effect import Effect, LayerKind
+from ...core.effect import Effect, LayerKind, Need
 from ...core.roles import Role, Subject
 from ...measure.image import LightScore
 from .gpu_steps import variants
@@ -30,6 +30,7 @@ EFFECT = Effect(
         ),
     ),
     needed=needed,
+    needs=frozenset({Need.EYE}),
     ruled_out=ruled_out,
     run=run,
     doc="Shafts of light and fog, from the lit stretches of each view ray and the integral along them",

@@ -1,0 +1,115 @@
+"""An object laid out by its UVs, against where its points are known to be, and against a camera."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from strata.addon.bake import BakeJob, Options, plan_scene
+from strata.addon.core.errors import StrataError
+from strata.addon.core.shot import Camera, Chart, Raster, Shot
+from strata.addon.core.surface import ATTRIBUTES, Chunk
+from strata.addon.devices.cpu import CpuDevice
+from strata.tests.support.flat_scenes import DOWN, FLOOR, PLATE, lamp, scene_of
+from strata.tests.support.gpu_scenes import gpu_device
+
+SIZE = (60, 60)
+SIDE = 6.0  # metres, of the floor
+FAR = 1e5  # metres: the scene lies there
+
+
+def charted(u=(0.0, 1.0)):
+    """A floor under a plate; UVs take its rectangle to the unit square, or to this part of it across."""
+    outline, arrays = scene_of([FLOOR, PLATE], [lamp()])
+    floor = arrays.meshes[0]
+    uvs = (floor.positions[:, :2] / SIDE + 0.5).astype(np.float32)
+    uvs[:, 0] = u[0] + uvs[:, 0] * (u[1] - u[0])
+    floor = replace(floor, corner_uvs=uvs[floor.corner_vertices])
+    return outline, replace(arrays, meshes=(floor, *arrays.meshes[1:]))
+
+
+def chart_of(outline, arrays, names=tuple(ATTRIBUTES), jitter=(0.0, 0.0)):
+    device = CpuDevice()
+    device.set_scene(outline, arrays)
+    chart = Chart.of(outline, "Box 0", SIZE)
+    chunk = Chunk(*SIZE, 0, SIZE[1], 0, jitter)
+    flat = device.laid_out(chart.instances)
+    return device.chart(flat, chart.origin, chunk, frozenset(names)), chart
+
+
+@pytest.mark.parametrize("jitter", [(0.0, 0.0), (0.4, -0.3)])
+def test_texels_lie_where_their_uvs_say(jitter):
+    outline, arrays = charted()
+    matrices = arrays.matrices.copy()
+    matrices[0, :3, 3] = FAR, -FAR, 5.0
+    bounds = outline.instances[0].bounds
+    moved = [tuple(np.array(corner) + matrices[0, :3, 3]) for corner in (bounds.low, bounds.high)]
+    first = replace(outline.instances[0], bounds=replace(bounds, low=moved[0], high=moved[1]))
+    outline = replace(outline, instances=(first, outline.instances[1]))
+    surface, chart = chart_of(outline, replace(arrays, matrices=matrices), jitter=jitter)
+    x, y = np.meshgrid(*((np.arange(side) + 0.5 + by) / side for side, by in zip(SIZE, jitter, strict=True)))
+    expected = np.stack([(x - 0.5) * SIDE, (y - 0.5) * SIDE, np.zeros(SIZE[::-1])], axis=-1)
+    inside = (x < 1.0) & (y > 0.0)
+    assert chart.origin == (FAR, -FAR, 5.0)
+    assert np.allclose(surface["position"][inside], expected[inside], atol=1e-5)  # float32 of metres
+    assert np.allclose(surface["uv"][inside], np.stack([x, y], -1)[inside], atol=1e-6)
+    assert (surface["geometric_normal"][inside] == (0.0, 0.0, 1.0)).all()
+    assert (surface["instance"][inside] == 0).all()
+    assert (surface["depth"][inside] == 0.0).all()
+
+
+def test_beside_islands_nothing_is():
+    surface, _ = chart_of(*charted((0.25, 0.5)))
+    there = surface["instance"] >= 0
+    assert there[:, 15:30].all()
+    assert there.sum() == 15 * SIZE[1]
+    assert np.isinf(surface["depth"][~there]).all()
+    assert (surface["triangle"][~there] == -1).all()
+
+
+def test_tiles_of_a_chart_are_parts_of_it():
+    outline, arrays = charted()
+    device = CpuDevice()
+    device.set_scene(outline, arrays)
+    chart = Chart.of(outline, "Box 0", SIZE)
+    flat = device.laid_out(chart.instances)
+    whole = device.chart(flat, chart.origin, Chunk(*SIZE, 0, SIZE[1], 0, (0.1, 0.2)), frozenset(ATTRIBUTES))
+    part = device.chart(flat, chart.origin, Chunk(*SIZE, 7, 20, 0, (0.1, 0.2)), frozenset(ATTRIBUTES))
+    for name in ATTRIBUTES:
+        assert np.array_equal(part[name], whole[name][7:20]), name
+
+
+@pytest.mark.parametrize("backend", ["cpu", "gpu"])
+def test_shadows_on_a_chart_are_those_that_a_camera_sees(backend):
+    if backend == "gpu":
+        gpu_device()  # skips where there is none
+    outline, arrays = charted()
+    camera = Camera("Camera", (0.0, 0.0, 10.0), **DOWN, orthographic=True, orthographic_scale=SIDE)
+    shots = Shot("Camera", Raster(camera, SIZE)), Shot("Chart", Chart.of(outline, "Box 0", SIZE))
+    options = Options(("soft_shadow",), backend, 1, 0)
+    graphs = [plan_scene(outline, shot, options) for shot in shots]
+    seen, laid_out = (
+        baked.layers.layers[0].pixels[..., 0]
+        if baked.layers.layers[0].pixels.ndim == 3
+        else baked.layers.layers[0].pixels
+        for baked in BakeJob(outline, graphs, arrays, options).results()
+    )
+    x, y = np.meshgrid(*((np.arange(side) + 0.5) / side * SIDE - 0.5 * SIDE for side in SIZE))
+    bare = (np.abs(x) > 0.6) | (np.abs(y) > 0.6)  # what the plate does not hide from the camera
+    assert laid_out.min() < 0.05  # the middle of the plate's shadow, which the camera does not see
+    assert (seen[bare] < 0.9).sum() > 20
+    # Each shot's maps are fitted to what it shows, so texels differ; a light sample is 1/256.
+    assert np.abs(seen - laid_out)[bare].mean() < 1e-3
+    assert np.abs(seen - laid_out)[bare].max() < 0.05
+
+
+def test_what_needs_an_eye_is_left_out():
+    outline, _ = charted()
+    shot = Shot("Chart", Chart.of(outline, "Box 0", SIZE))
+    graph = plan_scene(outline, shot, Options(("soft_shadow", "volumetric_light", "toon"), "cpu"))
+    assert [layer.effect for layer in graph.layers] == ["soft_shadow"]
+    reasons = {each.what: each.reason for each in graph.left_out}
+    assert reasons["Toon"] == reasons["Volumetric Light"] == "a UV chart has no eye"
+    with pytest.raises(StrataError, match="no object 'Nobody'"):
+        Chart.of(outline, "Nobody", SIZE)
