@@ -60,10 +60,10 @@ void evaluate(Seen seen, ivec2 pixel, uint doubt)
 #  ifndef UNMAPPED
   bool readable = heights.y > 0.0;
   doubt = readable ? doubt : 0u;
-  unsure = unsure || (readable && at_horizon) || doubt == 1u;
+  unsure = unsure || (readable && at_horizon);
 #  endif
   bool leave_uncertain = params.leaves_uncertain > 0.0; // rays will replace it
-  if (doubt >= 2u || (unsure && leave_uncertain)) {
+  if (doubt >= 1u || (unsure && leave_uncertain)) {
     answer(pixel, 1.0, doubt >= 2u ? 2u : 1u);
     return;
   }

@@ -2,9 +2,9 @@
 // share one eye and direction the widest first, which decides whether the nest is chosen, then the next smaller ones.
 //
 // `choice` holds 4 * (map + 1) + doubt, 0 for none. Of faces of a cube a point takes its own. Doubts only where rays will answer
-// instead: UNSURE with DOUBT, CLOSE with BESIDE.
+// instead: UNSURE with DOUBT or, at hard edges, EDGES, CLOSE with BESIDE.
 #include "region.glsl"
-#ifdef DOUBT
+#if defined(DOUBT) || defined(EDGES)
 #  include "doubt.glsl"
 #endif
 
@@ -35,8 +35,8 @@ uint doubt_of(Seen seen)
     return CLOSE;
   }
 #endif
-#ifdef DOUBT
-  if (near_contact(seen)) {
+#if defined(DOUBT) || defined(EDGES)
+  if (is_doubtful(seen)) {
     return UNSURE;
   }
 #endif
@@ -70,7 +70,7 @@ void main()
   bool is_widest = own == uint(params.nest_end);
   bool may_choose = is_widest ? map == 0u : own < map && map <= uint(params.nest_end);
   vec3 facing = vec3(0.0);
-#ifdef DOUBT
+#if defined(DOUBT) || defined(EDGES)
   facing = texelFetch(geometric_normal, pixel, 0).xyz;
 #endif
   Seen seen;

@@ -92,9 +92,12 @@ def _light_defines(emitter: Emitter, orthographic: bool) -> tuple[str, ...]:
     return tuple(defines)
 
 
-def _choose_variant(defines: tuple[str, ...], method: str, beside: bool = False) -> Shader:
-    """`beside`: there is a table of what lies beside the window."""
-    defines = (*defines, *["DOUBT"] * (method == Method.HYBRID.value), *["BESIDE"] * beside)
+def _choose_variant(
+    defines: tuple[str, ...], method: str, beside: bool = False, edges: bool = False
+) -> Shader:
+    """`beside`: there is a table of what lies beside the window; `edges`: hard edges are left to rays."""
+    is_hybrid = method == Method.HYBRID.value
+    defines = (*defines, *["DOUBT"] * is_hybrid, *["EDGES"] * (edges and not is_hybrid), *["BESIDE"] * beside)
     shader = CHOOSE.defining(*defines)
     return replace(shader, samplers=(*shader.samplers, ("beside", "UINT_2D"))) if beside else shader
 
@@ -134,6 +137,7 @@ def variants() -> Iterator[Shader]:
             defines = _light_defines(emitter, kind == EmitterKind.DISTANT_DISK)
             for method in (Method.BITMASK.value, Method.HYBRID.value):
                 yield _choose_variant(defines, method)
+            yield _choose_variant(defines, Method.BITMASK.value, edges=True)
             for sharing in ((), ("NESTED",)):
                 for method in (Method.AREA.value, Method.BITMASK.value):
                     yield _backproject_variant((*defines, *sharing), method)
@@ -194,6 +198,7 @@ def backproject(
     refinements: int,
     spacing: int,
     maps: int,
+    leave_edges: bool = False,
 ):
     """A dict of the images `visibility` and `uncertain`, as the kernels of this step."""
     if max_samples < 1:
@@ -234,7 +239,7 @@ def backproject(
     for start, end in nests:
         for index in reversed(range(start, end)):
             defines, bound, params = runs[index]
-            shader = _choose_variant(defines, method, bool(tables))
+            shader = _choose_variant(defines, method, bool(tables), leave_edges)
             bound = bound | ({"beside": tables[index]} if tables else {})
             device.dispatch(shader, size, {"choice": choice}, bound, params)
     if not is_area:  # without a map the thesis's sum is 1

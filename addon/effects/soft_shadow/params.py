@@ -94,8 +94,9 @@ class SoftShadowParams(Params):
         trades_time=True,
         per_light=True,
         used_when=When("method", (Method.BITMASK, Method.HYBRID)),
-        doc="Rays for each point that maps are unsure of, with the hybrid method, and with it or the bitmask "
-        "at least 64 for what is closest to a spot or a point; 0: none",
+        doc="Rays for each point that maps are unsure of, with the hybrid method, with the bitmask a quarter "
+        "as many at hard edges of a sun's shadows, with both at least 64 for what is closest to a spot or a "
+        "point; 0: none",
     )
 
     def finer(self) -> tuple[str, ...]:

@@ -148,6 +148,7 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers)
         maps.append(_map(recorder, outline, params, view, drawn, resolution, instance))
         inner = view
     eye = recorder.shot.origin
+    leaves_edges = _leaves_edges(params, light.emitter)
     tables = _tables(recorder, outline, light, close, views)
     spacing = 1 if params.method == Method.AREA else params.spacing
     shadow = recorder.step(
@@ -163,8 +164,9 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers)
         refinements=params.refinements,
         spacing=spacing,
         maps=len(maps),
+        leave_edges=leaves_edges,
     )
-    if params.method == Method.HYBRID or close:
+    if params.method == Method.HYBRID or close or leaves_edges:
         recorder.reads_instances(casters)
         accelerator = shared.ray_accelerator(outline, recorder.shot)
         shadow = recorder.step(
@@ -176,6 +178,7 @@ def _record_light(recorder, outline, params, index, casters, visible, receivers)
             eye=eye,
             emitter=light.emitter,
             casters=casters,
+            method=params.method.value,
             rays=params.rays,
             seed=int(hash_bits(recorder.shot.seed, outline.frame, index)),
         )
@@ -238,6 +241,12 @@ def _close_casters(params, emitter: Emitter, casters: frozenset[int], away: np.n
         return frozenset()
     ordered = np.array(sorted(casters), int)
     return frozenset(ordered[away <= beside.reach_m(emitter)].tolist())
+
+
+def _leaves_edges(params, emitter: Emitter) -> bool:
+    """Whether rays answer where a sun's shadow has an edge among the texels around a point."""
+    is_sun = emitter.kind == EmitterKind.DISTANT_DISK
+    return is_sun and params.method != Method.AREA and params.rays > 0
 
 
 def _max_samples(params, emitter: Emitter, away: np.ndarray) -> int:

@@ -18,6 +18,9 @@ POINTS = ("position", "geometric_normal", "shading_normal")
 UNSURE, CLOSE = 1, 2
 """Of a point left to rays: the map is not to be believed, or knows nothing of what is close to the light."""
 
+EDGE_SHARE = 4
+"""So many times fewer rays for what the bitmask leaves to them at hard edges: mostly all or none is lit."""
+
 CLOSE_RAYS, FEWEST_CLOSE_RAYS = 256, 64
 """Rays at least for a pixel of the second kind: all of its penumbra is theirs, and none of it the map's. Its
 samples share them, but none gets less than the second number."""
@@ -30,7 +33,17 @@ def _prepare(device, depth, view, gradient_scale, gradient_cap_m):
 
 
 def _backproject(
-    device, surface, *maps_and_tables, eye, emitter, method, max_samples, refinements, spacing, maps
+    device,
+    surface,
+    *maps_and_tables,
+    eye,
+    emitter,
+    method,
+    max_samples,
+    refinements,
+    spacing,
+    maps,
+    leave_edges=False,
 ):
     visibility, uncertain = device.kernels.soft_shadow_backproject(
         surface["position"],
@@ -44,6 +57,7 @@ def _backproject(
         method="area" if method == Method.AREA.value else "bitmask",
         # Rays will replace what the map is unsure of.
         leave_uncertain=method == Method.HYBRID.value,
+        leave_edges=leave_edges,
         beside=list(maps_and_tables[maps:]),
         spacing=spacing,
         cancel=device.cancel_flag,
@@ -70,10 +84,11 @@ def _beside(device, *looks, emitter, view):
     return beside.table(device, looks, emitter, view)
 
 
-def _rays(device, surface, shadow, accelerator, eye, emitter, casters, rays, seed, chunk):
+def _rays(device, surface, shadow, accelerator, eye, emitter, casters, method, rays, seed, chunk):
     visibility = shadow["visibility"].copy()
     close = max(rays, CLOSE_RAYS // chunk.samples, FEWEST_CLOSE_RAYS)
-    for doubt, count in ((UNSURE, rays), (CLOSE, close)):
+    unsure = rays if method == Method.HYBRID.value else -(-rays // EDGE_SHARE)
+    for doubt, count in ((UNSURE, unsure), (CLOSE, close)):
         chosen = np.flatnonzero(shadow["uncertain"] == doubt)
         if not len(chosen):
             continue

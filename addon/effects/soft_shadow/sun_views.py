@@ -47,11 +47,13 @@ def sun_view(
     margin = 1e-3 * (farthest - nearest)
     near, far = float(0.5 * margin), float(farthest - nearest + 2.0 * margin)
     lamp_axes = (emitter.right, emitter.up, emitter.forward)
+    # One eye, so that all see a point alike: the finest window's middle, where single precision is best.
+    across = 0.5 * (windows[0][0] + windows[0][1])
+    centre = middle + (nearest - margin) * axes[2] + axes[:2].T @ across
     views = []
-    for number, (window_low, window_high) in enumerate(windows):
-        centre = middle + (nearest - margin) * axes[2] + axes[:2].T @ (0.5 * (window_low + window_high))
-        half = 0.5 * (window_high - window_low)
-        view = View(tuple(centre.tolist()), *lamp_axes, padded(-half, half), near, far, orthographic=True)
+    for number, (low, high) in enumerate(windows):
+        window = padded(low - across, high - across)
+        view = View(tuple(centre.tolist()), *lamp_axes, window, near, far, orthographic=True)
         views.append((f"wide {number}" if number else "", view))
     return views, []
 

@@ -2,7 +2,7 @@
 
 use super::between::{Grid, thinned};
 use super::choose::{Chosen, Maps};
-use super::doubt::near_contact;
+use super::doubt::Around;
 use super::light::{Light, Seen};
 use super::plain::Bits;
 use super::region::{Search, unit};
@@ -27,6 +27,8 @@ pub struct Settings {
     /// Points where the map is not to be believed are found, and not evaluated: rays will be. Those in the light's tables
     /// always are.
     pub leave_uncertain: bool,
+    /// The same of points at hard edges alone.
+    pub leave_edges: bool,
     /// Of an image, every so many-th point each way is evaluated, others only where that does not tell them.
     pub spacing: usize,
 }
@@ -43,6 +45,7 @@ pub struct Points<'a> {
 
 /// Rows of an image that a thread takes at a time, and columns and rows that share their candidates.
 const TILE: usize = 8;
+const _: () = assert!(TILE * TILE == tile::MOST_POINTS);
 
 /// A point's uncertainty: the maps answer; rays are to; and are to for what no map knows (`Beside`).
 const SURE: u8 = 0;
@@ -198,10 +201,17 @@ impl Chunk<'_> {
             let (done, rest) = open.split_at_mut(number + 1);
             let points = &mut done[number];
             tile::hide(vector, served, self.scene.maps.refinements, points, candidates);
+            let maps = &self.scene.maps.list;
+            let end = points.first().map_or(0, |point| point.maps_end);
+            let matters = |&next: &usize| {
+                !self.scene.see_alike
+                    || !tile::is_left_to_inner(&maps[next], self.scene.settings.max_samples, points)
+            };
+            let next = (number + 1..end).find(matters);
             for point in points.drain(..) {
-                let next = self.scene.maps.list.get(number + 1);
-                let next = next.filter(|_| number + 1 < point.maps_end && point.hidden != [u32::MAX; 8]);
-                if let Some(served) = next
+                let next = next.filter(|_| point.hidden != [u32::MAX; 8]);
+                if let Some(next) = next
+                    && let served = &maps[next]
                     && let Some(seen) = if self.scene.see_alike {
                         Some(point.seen)
                     } else {
@@ -210,8 +220,8 @@ impl Chunk<'_> {
                 {
                     let more = self
                         .scene
-                        .open(seen, number + 1, point.maps_end, point.hidden, point.place);
-                    rest[0].push(more);
+                        .open(seen, next, point.maps_end, point.hidden, point.place);
+                    rest[next - number - 1].push(more);
                 } else {
                     self.visibility[point.place] = tile::resolve(vector, &served.light, &point);
                 }
@@ -293,15 +303,19 @@ impl Scene<'_> {
         if readable && chosen.is_beside(self.maps) {
             return BESIDE;
         }
-        if !self.settings.leave_uncertain {
-            return SURE;
-        }
+        let around = |map: usize| Around::of(self.maps.list[map].map, &chosen.seen);
         let unsure = |map: usize| {
-            lowest <= 0.0
-                || chosen.is_cut_off(self.maps)
-                || near_contact(self.maps.list[map].map, &chosen.seen)
+            lowest <= 0.0 || chosen.is_cut_off(self.maps) || {
+                let around = around(map);
+                around.near_contact || around.at_hard_edge
+            }
         };
-        let doubtful = chosen.seen.too_close || readable && chosen.map.is_some_and(unsure);
+        let readable = chosen.map.filter(|_| readable);
+        let doubtful = if self.settings.leave_uncertain {
+            chosen.seen.too_close || readable.is_some_and(unsure)
+        } else {
+            self.settings.leave_edges && readable.is_some_and(|map| around(map).at_hard_edge)
+        };
         if doubtful { UNSURE } else { SURE }
     }
 

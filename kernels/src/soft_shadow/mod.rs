@@ -95,11 +95,12 @@ type Shares<'py> = (Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<u8>>);
 ///
 /// Returns (visibility f32, uncertain u8), shaped like the points. Points that are not finite get 1. With
 /// `leave_uncertain`, points where the maps are not to be believed are uncertain (1) and get 1 without a look, for rays to
-/// replace; those that `beside` tells of (2) always are.
+/// replace; with `leave_edges` those of them at edges of shadows that are harder than a texel; those that `beside` tells of (2)
+/// always are.
 /// Raises ValueError on bad shapes or values, and Cancelled.
 #[pyfunction]
 #[pyo3(signature = (position, geometric_normal, shading_normal, eye, emitter, maps, max_samples=512, refinements=1,
-    method="bitmask", leave_uncertain=false, beside=Vec::new(), spacing=1, cancel=None))]
+    method="bitmask", leave_uncertain=false, leave_edges=false, beside=Vec::new(), spacing=1, cancel=None))]
 fn soft_shadow_backproject<'py>(
     py: Python<'py>,
     position: PyReadonlyArrayDyn<'py, f32>,
@@ -112,6 +113,7 @@ fn soft_shadow_backproject<'py>(
     refinements: usize,
     method: &str,
     leave_uncertain: bool,
+    leave_edges: bool,
     beside: Vec<PyReadonlyArray2<'py, u8>>,
     spacing: usize,
     cancel: Option<PyRef<'_, CancelFlag>>,
@@ -125,6 +127,7 @@ fn soft_shadow_backproject<'py>(
         },
         max_samples,
         leave_uncertain,
+        leave_edges,
         spacing,
     };
     let shape = position.shape();

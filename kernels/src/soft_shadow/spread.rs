@@ -57,6 +57,19 @@ impl Spread {
         }
         spread
     }
+
+    /// Whether the light's rays up to `above` the points cross no texel that reaches out of the inner window, which is
+    /// relative to the origin.
+    pub fn is_within(&self, inner: Window<f32>, above: f32, texel: [f64; 2]) -> bool {
+        let [left, right, bottom, top] = self.bounds.map(|side| side * above);
+        let [width, height] = [self.x, self.y].map(|[from, to]| (to - from) as f32);
+        // A hundredth of a texel for rounding, as in `Seam`.
+        let [texel_x, texel_y] = texel.map(|size| 1.01 * size as f32);
+        left - texel_x > inner[0]
+            && width + right + texel_x < inner[1]
+            && bottom - texel_y > inner[2]
+            && height + top + texel_y < inner[3]
+    }
 }
 
 /// Largest rise of what may hide the light from any of the points: `Search::new` for many.

@@ -5,7 +5,7 @@ use super::fast::{self, Place};
 use super::light::{Light, Seen};
 use super::plain::Bits;
 use super::prepare::{BLOCK, PreparedMap};
-use super::region::MOST_LEVELS;
+use super::region::{MOST_LEVELS, unit};
 use super::simd::{MOST_LANES, Vector};
 use super::spread::{OwnPlane, Seam, Spread, blocks_around, highest_above};
 
@@ -46,8 +46,14 @@ struct Which {
     seam: bool,
 }
 
-/// Points of a tile so far apart that they share more blocks than this are taken in halves.
+/// Points of a tile.
+pub const MOST_POINTS: usize = 64;
+
+/// Points of a tile so far apart that they share more blocks than this are taken in parts.
 const MOST_SHARED: usize = 768;
+
+/// The same of blocks that lie between them, for each point: neighbours in the image may be a street apart.
+const MOST_APART: usize = 16;
 
 /// Adds to `hidden` of every point what the map hides outside its inner window.
 #[inline(always)]
@@ -58,8 +64,8 @@ pub fn hide<V: Vector>(
     points: &mut [Open],
     candidates: &mut Candidates,
 ) {
-    // A stack of halves still to do; at most one per halving.
-    let mut ranges = [(0, 0); usize::BITS as usize];
+    // A stack of parts still to do, none of them empty.
+    let mut ranges = [(0, 0); MOST_POINTS];
     ranges[0] = (0, points.len());
     let mut waiting = 1;
     while waiting > 0 {
@@ -69,8 +75,9 @@ pub fn hide<V: Vector>(
         if points.is_empty() {
             continue;
         }
-        if !candidates.gather(served, refinements, points) {
-            let middle = (start + end) / 2;
+        let spread = Spread::of(points, served.map.view.orthographic);
+        if !candidates.gather(served, refinements, &spread, points) {
+            let middle = start + parted(points, &spread);
             ranges[waiting] = (start, middle);
             ranges[waiting + 1] = (middle, end);
             waiting += 2;
@@ -84,6 +91,45 @@ pub fn hide<V: Vector>(
     }
 }
 
+/// Whether a sun's rays to any of the points cross nothing of the map but what its inner window holds.
+pub fn is_left_to_inner(served: &Served, max_samples: usize, points: &[Open]) -> bool {
+    let map = served.map;
+    let Some(first) = points.first() else { return true };
+    if !map.view.orthographic {
+        return false;
+    }
+    let spread = Spread::of(points, true);
+    let inner = from_point(&served.inner, [spread.x[0], spread.y[0]]);
+    let unit = unit(&first.seen, max_samples, map);
+    let highest = map.nearest()[0] - spread.rise[0];
+    let levels = map.levels.len();
+    (0..levels).all(|level| {
+        let (from, to) = band(level, levels);
+        let above = highest.min(to * unit);
+        above <= from * unit || spread.is_within(inner, above, map.texel_size(level))
+    })
+}
+
+/// Brings the points on one side of the middle of where they are, seen from the light, before those on the other,
+/// and tells how many those are: neither none nor all.
+fn parted(points: &mut [Open], spread: &Spread) -> usize {
+    let [wide, high] = [spread.x, spread.y].map(|[from, to]| to - from);
+    let along = |seen: &Seen| if wide > high { seen.window_x } else { seen.window_y };
+    let [from, to] = if wide > high { spread.x } else { spread.y };
+    let middle = 0.5 * (from + to);
+    let mut count = 0;
+    for at in 0..points.len() {
+        if along(&points[at].seen) <= middle {
+            points.swap(count, at);
+            count += 1;
+        }
+    }
+    if count == 0 || count == points.len() {
+        return points.len() / 2;
+    }
+    count
+}
+
 impl Candidates {
     fn clear(&mut self) {
         self.which.clear();
@@ -94,32 +140,34 @@ impl Candidates {
     }
 
     /// Collects the blocks that may hide the light from any of the points. False: too many, take fewer points.
-    fn gather(&mut self, served: &Served, refinements: usize, points: &[Open]) -> bool {
+    fn gather(&mut self, served: &Served, refinements: usize, spread: &Spread, points: &[Open]) -> bool {
         self.clear();
         let map = served.map;
-        let spread = Spread::of(points, map.view.orthographic);
-        let Some(highest) = highest_above(map, &spread, refinements) else {
+        let Some(highest) = highest_above(map, spread, refinements) else {
             return true;
         };
         self.origin = [spread.x[0], spread.y[0]];
         let inner = from_point(&served.inner, self.origin);
         let own_plane = spread.one_plane.then(|| OwnPlane::of(&points[0].seen));
         let levels = map.levels.len();
-        let mut looked_at = 0;
+        let mut around = [[0; 4]; MOST_LEVELS];
+        for (level, around) in around.iter_mut().enumerate().take(levels) {
+            let (from, to) = band(level, levels);
+            let above = (highest - spread.rise[0]).min(to * spread.unit[1]);
+            if above > from * spread.unit[0] && !spread.is_within(inner, above, map.texel_size(level)) {
+                *around = blocks_around(map, spread, above, level).unwrap_or_default();
+            }
+        }
+        let count = |[x0, x1, y0, y1]: [usize; 4]| (x1 - x0) * (y1 - y0) * map.layers;
+        let apart = blocks_around(map, spread, 0.0, 0).map_or(0, count);
+        let looked_at: usize = around.into_iter().map(count).sum();
+        if points.len() > 1 && (looked_at > 8 * MOST_SHARED || apart > MOST_APART * points.len()) {
+            return false;
+        }
         for level in (0..levels).rev() {
             let (from, to) = band(level, levels);
             let (above_from, above_to) = (from * spread.unit[0], to * spread.unit[1]);
-            let above = (highest - spread.rise[0]).min(above_to);
-            let Some([x0, x1, y0, y1]) = blocks_around(map, &spread, above, level) else {
-                continue;
-            };
-            looked_at += (x1 - x0) * (y1 - y0) * map.layers;
-            if above <= above_from {
-                continue;
-            }
-            if points.len() > 1 && looked_at > 8 * MOST_SHARED {
-                return false;
-            }
+            let [x0, x1, y0, y1] = around[level];
             let size = map.texel_size(level);
             for layer in 0..map.layers {
                 for block_row in y0..y1 {

@@ -86,6 +86,7 @@ def shadows(
     surface=None,
     tables=(),
     spacing=1,
+    leave_edges=False,
 ):
     """Visibility and uncertainty by the plain kernel (the thesis's sum has only one, and only the fast one
     knows a grid of points) and by the GPU."""
@@ -95,7 +96,12 @@ def shadows(
     arguments = (*points, np.array(CAMERA.eye), emitter.packed(), prepared, max_samples, refinements)
     twin = "area" if method == "area" else "plain" if spacing == 1 else "bitmask"
     cpu = kernels.soft_shadow_backproject(
-        *arguments, method=twin, leave_uncertain=method == "hybrid", beside=list(tables), spacing=spacing
+        *arguments,
+        method=twin,
+        leave_uncertain=method == "hybrid",
+        leave_edges=leave_edges,
+        beside=list(tables),
+        spacing=spacing,
     )
     on_gpu = [PREPARE.gpu(gpu, gpu.from_host(depths), view, *bias) for view, depths in maps]
     values = BACKPROJECT.gpu(
@@ -110,6 +116,7 @@ def shadows(
         refinements=refinements,
         spacing=spacing,
         maps=len(on_gpu),
+        leave_edges=leave_edges,
     )
     values = gpu.to_host(values)
     return cpu, (values["visibility"], values["uncertain"])
@@ -136,6 +143,15 @@ def test_every_kind_of_light_agrees(courtyard, light, method):
     cpu, gpu = shadows(courtyard, LIGHTS[light], method, maps)
     assert cpu[0].min() < 0.2 or method == "hybrid"  # there is a shadow to compare
     assert cpu[1].any() == (method == "hybrid")
+    assert_alike(cpu, gpu)
+
+
+@pytest.mark.parametrize("windows", [1, 3])
+def test_hard_edges_of_a_sun_are_left_to_rays_alike(courtyard, windows):
+    sun = replace(LIGHTS["sun"], half_width=0.005, half_height=0.005)
+    maps = list(courtyard.depths(sun) if windows == 1 else nested(courtyard, sun))
+    cpu, gpu = shadows(courtyard, sun, "bitmask", maps, leave_edges=True)
+    assert 0.02 < (cpu[1] == 1).mean() < 0.5
     assert_alike(cpu, gpu)
 
 
