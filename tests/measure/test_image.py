@@ -10,11 +10,10 @@ from functools import partial
 import numpy as np
 import pytest
 from strata.addon import bake as baking
-from strata.addon.core.effect import Effect, LayerKind
+from strata.addon.core.effect import Effect, LayerKind, Registry
 from strata.addon.core.graph import Step
 from strata.addon.core.metrics import maximum, quantile
 from strata.addon.core.params import Params, param
-from strata.addon.effects import registry
 from strata.addon.effects.shared import steps as shared
 from strata.addon.measure.image import LightScore, MaskScore, WatchedImage, _checked
 from strata.addon.measure.report import LayerError
@@ -192,21 +191,20 @@ GLOW = Effect(
 )
 
 
-def baked(monkeypatch, gain: float, samples: int, effect: Effect = GLOW) -> dict:
+def baked(gain: float, samples: int, effect: Effect = GLOW) -> dict:
     """Reports by layer of the effect on a random scene, of which a third shows no surface."""
-    monkeypatch.setattr(registry, "EFFECTS", (effect,))
-    monkeypatch.setattr(baking, "EFFECTS", (effect,))
     outline, arrays = random_scene(0)
+    values = {"glow": {"gain": gain}} if gain != 1.0 else {}
     options = baking.Options(
-        backend="cpu", samples=samples, probes=512, values={"glow": {"gain": gain}} if gain != 1.0 else {}
+        backend="cpu", samples=samples, probes=512, values=values, registry=Registry((effect,))
     )
     graph = baking.plan_scene(outline, shot_of(0), options)
     result = baking.BakeJob(outline, graph, arrays, options).result()
     return {layer["name"]: layer for layer in result.layers.report["layers"]}
 
 
-def test_an_effect_without_lights_is_measured(monkeypatch):
-    right, wrong = baked(monkeypatch, 1.0, 8), baked(monkeypatch, 0.8, 8)
+def test_an_effect_without_lights_is_measured():
+    right, wrong = baked(1.0, 8), baked(0.8, 8)
     air = right["Air"]["error"]
     assert air["metric"] == "relative l2"
     assert air["reference"] == "closed form"
@@ -225,8 +223,8 @@ def test_an_effect_without_lights_is_measured(monkeypatch):
     assert right["Stripes"]["error"]["mean_absolute_error"] < wrong["Stripes"]["error"]["mean_absolute_error"]
 
 
-def test_more_samples_make_a_better_mask(monkeypatch):
-    one, many = (baked(monkeypatch, 1.0, samples)["Stripes"]["error"] for samples in (1, 32))
+def test_more_samples_make_a_better_mask():
+    one, many = (baked(1.0, samples)["Stripes"]["error"] for samples in (1, 32))
     assert many["mean_absolute_error"] < 0.4 * one["mean_absolute_error"]
     assert many["ci95"][1] < one["ci95"][0]
 
@@ -252,9 +250,9 @@ class LargestValue:
         return ("gain",)
 
 
-def test_a_layers_kind_may_bring_a_score_of_its_own(monkeypatch):
+def test_a_layers_kind_may_bring_a_score_of_its_own():
     kinds = GLOW.layers[0], replace(GLOW.layers[1], score=LargestValue())
-    layers = baked(monkeypatch, 2.0, 1, replace(GLOW, layers=kinds, run=partial(_run, kinds=kinds)))
+    layers = baked(2.0, 1, replace(GLOW, layers=kinds, run=partial(_run, kinds=kinds)))
     error = layers["Stripes"]["error"]
     assert (error["metric"], error["value"], error["reference"]) == ("largest value", 1.0, "none")
     assert (layers["Stripes"]["verdict"], layers["Stripes"]["lowered_by"]) == ("visible", ["gain"])
