@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from ..bake import Baked
+from ..core.effect import Effect, Registry
 from ..core.layers import COLOUR_CHANNELS
 from ..core.naming import layer_name
 from ..core.outline import Light, Outline
@@ -53,7 +54,10 @@ class PassImage:
 
 
 def registered(
-    scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, shown: Iterable[Light] = ()
+    scene: bpy.types.Scene,
+    view_layer: bpy.types.ViewLayer,
+    shown: Iterable[Light] = (),
+    registry: Registry = EFFECTS,
 ) -> Iterator[PassKind]:
     """Every pass that some frame may have, so that the compositor's sockets stay when a light leaves the
     view. Lamps of geometry nodes, particles and faces have some only where they are among `shown`: they are
@@ -62,10 +66,11 @@ def registered(
     lamps = {named.pass_name: named for named in LampNames().standing(view_layer)}
     made = [light for light in shown if light.pass_name not in lamps]
     there = [named for named in lamps.values() if not is_surely_hidden(named.path)]
-    for effect in EFFECTS:
-        if not getattr(scene.strata, effect.id).enabled:
-            continue
+    effects = [effect for effect in registry if getattr(scene.strata, effect.id).enabled]
+    for effect in effects:
         for kind in effect.layers:
+            if kind.role.is_exclusive and _first_to_offer(kind.role, effects) is not effect:
+                continue
             names = [""]
             if kind.of is Subject.LAMP:
                 shadows = kind.role is Role.VISIBILITY
@@ -73,6 +78,11 @@ def registered(
                 names += [light.pass_name for light in made if not shadows or light.casts_shadow]
             for name in names:
                 yield PassKind(layer_name(kind.title, name), kind.channels, kind.role.neutral)
+
+
+def _first_to_offer(role: Role, effects: Iterable[Effect]) -> Effect:
+    """Which a render takes it from."""
+    return next(effect for effect in effects if role in effect.offers)
 
 
 def _may_shadow(named: NamedLamp) -> bool:

@@ -9,6 +9,7 @@ from pathlib import Path
 import bpy
 
 from ..core.culling import UNREACHED, WITHOUT_CASTERS
+from ..core.effect import Registry
 from ..core.errors import StrataError
 from ..core.roles import Role
 from ..effects.registry import EFFECTS
@@ -31,8 +32,21 @@ from .shadow_nodes import (
 )
 
 _NO_LAMP = "no lamp that renders has it"
-_TITLES = tuple(kind.title for effect in EFFECTS for kind in effect.layers if kind.role is Role.VISIBILITY)
-"""Those of shadows."""
+_JOINED = (Role.FILTER, Role.VISIBILITY)
+"""Roles of what is multiplied onto a lamp's light group, in this order."""
+
+
+def _titles(registry: Registry, role: Role) -> tuple[str, ...]:
+    return tuple(kind.title for effect in registry for kind in effect.layers if kind.role is role)
+
+
+@dataclass(frozen=True)
+class _Scaling:
+    """A layer that scales the light of lamp `lamp`, which is the lamp's pass name."""
+
+    name: str
+    lamp: str
+    role: Role
 
 
 @dataclass(frozen=True)
@@ -61,7 +75,11 @@ class TakenAway:
 
 
 def build(
-    scene: bpy.types.Scene, paths: Mapping[bpy.types.ViewLayer, Path], is_sequence: bool, is_beside: bool
+    scene: bpy.types.Scene,
+    paths: Mapping[bpy.types.ViewLayer, Path],
+    is_sequence: bool,
+    is_beside: bool,
+    registry: Registry = EFFECTS,
 ) -> Built:
     """Makes the nodes, or makes them anew where they are already; gives each joined lamp a light group where
     it has none, and switches its own shadow off. A user's groups, nodes and links stay: what the Render
@@ -70,15 +88,17 @@ def build(
     Blender file. Raises StrataError, with nothing changed, where nothing can be joined.
     """
     headers = {layer: header_of(path) for layer, path in paths.items() if path.is_file()}
-    shadows = {layer: _shadows(headers[layer], layer) if layer in headers else {} for layer in paths}
-    idle = {name for header in headers.values() for name in _idle(header)}
+    scaling = {
+        layer: _scaling(headers[layer], layer, registry) if layer in headers else () for layer in paths
+    }
+    idle = {name for header in headers.values() for name in _idle(header, registry)}
     division = light_groups.divide(
-        scene, {layer: set(found.values()) for layer, found in shadows.items()}, idle
+        scene, {layer: _has_shadow(found) for layer, found in scaling.items()}, idle
     )
-    apart = _apart(shadows, division)
+    apart = _apart(scaling, division)
     if not division.joined:
         raise StrataError(_nothing(next(iter(paths.values())), apart))
-    joined = _joined_passes(shadows, division)
+    joined = _joined_passes(scaling, division)
     layers = _layers_to_join(scene, joined)
     made = light_groups.add_groups(division, paths)
     if lacking := _lacking(scene, paths, division):
@@ -99,8 +119,8 @@ def build(
         light_groups.remove_groups(made)
         raise
     scene.render.use_compositing = True
-    names = [name for found in shadows.values() for name, lamp in found.items() if lamp in division.joined]
-    others = {name for layer, header in headers.items() for name in _others(header, layer)}
+    names = [each.name for found in scaling.values() for each in found if each.lamp in division.joined]
+    others = {name for layer, header in headers.items() for name in _others(header, layer, scaling[layer])}
     return Built(
         tuple(dict.fromkeys(names)),
         apart,
@@ -132,55 +152,62 @@ def take_away(scene: bpy.types.Scene) -> TakenAway:
 # What there is to join
 
 
-def _shadows(header: ExrHeader, view_layer: bpy.types.ViewLayer) -> dict[str, str]:
-    """Lamps' pass names by the names of their shadows."""
-    return {
-        name: name.removeprefix(f"{title} ")
-        for title in _TITLES
-        for name in sorted(header.passes.get(view_layer.name, ()))
+def _scaling(header: ExrHeader, view_layer: bpy.types.ViewLayer, registry: Registry) -> tuple[_Scaling, ...]:
+    """Those of a view layer that are in use: not a second shadow that was baked to be looked at."""
+    entries = header.json("strata:report").get("layers", ())
+    unused = {entry["name"] for entry in entries if not entry.get("joins", True)}
+    return tuple(
+        _Scaling(name, name.removeprefix(f"{title} "), role)
+        for role in _JOINED
+        for title in _titles(registry, role)
+        for name in sorted(header.passes.get(view_layer.name, set()) - unused)
         if name.startswith(f"{title} ")
-    }
+    )
 
 
-def _others(header: ExrHeader, view_layer: bpy.types.ViewLayer) -> set[str]:
-    """Layers that are no shadows."""
-    return header.passes.get(view_layer.name, set()) - {"Combined"} - _shadows(header, view_layer).keys()
+def _has_shadow(found: Iterable[_Scaling]) -> dict[str, bool]:
+    """Whether a lamp's shadow is among what scales it, by pass name."""
+    lamps = {each.lamp: False for each in found}
+    return lamps | {each.lamp: True for each in found if each.role is Role.VISIBILITY}
 
 
-def _idle(header: ExrHeader) -> set[str]:
+def _others(header: ExrHeader, view_layer: bpy.types.ViewLayer, scaling: Iterable[_Scaling]) -> set[str]:
+    """Layers that scale no lamp."""
+    return header.passes.get(view_layer.name, set()) - {"Combined"} - {each.name for each in scaling}
+
+
+def _idle(header: ExrHeader, registry: Registry) -> set[str]:
     """Names of lamps that the bake's plan knew to shadow nothing in view."""
     return {
         entry["what"].removeprefix(f"{title} ")
         for entry in header.json("strata:report").get("left_out", ())
-        for title in _TITLES
+        for title in _titles(registry, Role.VISIBILITY)
         if entry["reason"] in (UNREACHED, WITHOUT_CASTERS)
     }
 
 
-def _apart(shadows: dict[bpy.types.ViewLayer, dict[str, str]], division: Division) -> dict[str, str]:
-    """Why shadows of the file are not joined."""
-    found = {name: lamp for names in shadows.values() for name, lamp in names.items()}
+def _apart(scaling: dict[bpy.types.ViewLayer, tuple[_Scaling, ...]], division: Division) -> dict[str, str]:
+    """Why layers of the file are not joined."""
     return {
-        name: division.apart.get(lamp, _NO_LAMP)
-        for name, lamp in found.items()
-        if lamp not in division.joined
+        each.name: division.apart.get(each.lamp, _NO_LAMP)
+        for found in scaling.values()
+        for each in found
+        if each.lamp not in division.joined
     }
 
 
 def _joined_passes(
-    shadows: dict[bpy.types.ViewLayer, dict[str, str]], division: Division
-) -> dict[bpy.types.ViewLayer, dict[str, str]]:
-    """For each view layer that has any, passes of light groups by the names of the shadows to multiply onto
-    them."""
-    found = {
-        layer: {
-            output: _pass_of(division.joined[lamp].group)
-            for output, lamp in names.items()
-            if lamp in division.joined
-        }
-        for layer, names in shadows.items()
-    }
-    return {layer: joined for layer, joined in found.items() if joined}
+    scaling: dict[bpy.types.ViewLayer, tuple[_Scaling, ...]], division: Division
+) -> dict[bpy.types.ViewLayer, dict[str, tuple[str, ...]]]:
+    """For each view layer that has any, by pass of a light group the layers to multiply onto it."""
+    joined: dict[bpy.types.ViewLayer, dict[str, tuple[str, ...]]] = {}
+    for layer, found in scaling.items():
+        for each in found:
+            if each.lamp in division.joined:
+                passes = joined.setdefault(layer, {})
+                group = _pass_of(division.joined[each.lamp].group)
+                passes[group] = (*passes.get(group, ()), each.name)
+    return joined
 
 
 def _layers_to_join(scene: bpy.types.Scene, joined: Iterable[bpy.types.ViewLayer]) -> list:

@@ -1,6 +1,6 @@
-"""Nodes of a compositor that multiply baked shadows onto light groups.
+"""Nodes of a compositor that multiply baked shadows, and filters before them, onto light groups.
 
-The picture is the image + the sum over light groups of (its image times (its lamp's shadow - 1)), so that
+The picture is the image + the sum over light groups of (its image times (what scales its lamp - 1)), so that
 what no group has (the sky, emission, lamps that are not joined) stays as it is. Where Cycles denoises, the
 noisy image is taken and denoised after that: light groups are noisy, and of a denoised image their noise
 would stay where a shadow takes most of the light away.
@@ -98,10 +98,10 @@ def join(
     scene: bpy.types.Scene,
     view_layer: bpy.types.ViewLayer,
     file: bpy.types.Image,
-    joined: dict[str, str],
+    joined: dict[str, tuple[str, ...]],
     is_sequence: bool,
 ) -> None:
-    """`joined`: passes of light groups by the names of the shadows to multiply onto them."""
+    """`joined`: by pass of a light group, names of the layers to multiply onto it."""
     sources = sources_of(tree, scene, view_layer)
     ours = [node for node in tree.nodes if _is_ours(node)]
     group = next((node for node in ours if any(_reads(node, source) for source in sources)), None)
@@ -190,11 +190,11 @@ def _fill(inside, file: bpy.types.Image, scene, view_layer, source, joined, is_s
     passes, is_denoised = passes_of(source), _whole(source) == _NOISY
     # What guides a denoiser belongs to Cycles' Denoising Data.
     guides = {name: socket for name, socket in _GUIDES.items() if is_denoised and name in passes}
-    _set_sockets(inside, ["Image", *guides, *joined.values()])
+    _set_sockets(inside, ["Image", *guides, *joined])
     start, end = inside.nodes.new("NodeGroupInput"), inside.nodes.new("NodeGroupOutput")
     result = start.outputs["Image"]
-    for row, (name, group) in enumerate(joined.items(), start=1):
-        change = _math(inside, "SUBTRACT", image.outputs[name], 1.0, (2, -row))
+    for row, (group, names) in enumerate(joined.items(), start=1):
+        change = _less_one(inside, [image.outputs[name] for name in names], row)
         change = _mix(inside, "MULTIPLY", start.outputs[group], change, (3, -row))
         result = _mix(inside, "ADD", result, change, (3 + row, 0))
     column = 4 + len(joined)
@@ -206,6 +206,16 @@ def _fill(inside, file: bpy.types.Image, scene, view_layer, source, joined, is_s
         column += 1
     inside.links.new(result, end.inputs["Image"])
     end.location = (column * _STEP, 0)
+
+
+def _less_one(tree, factors: list[bpy.types.NodeSocket], row: int):
+    """Their product - 1."""
+    product, *others = factors
+    for factor in others:
+        product = _mix(tree, "MULTIPLY", product, factor, (1, -row))
+    if product.type == "VALUE":
+        return _math(tree, "SUBTRACT", product, 1.0, (2, -row))
+    return _mix(tree, "SUBTRACT", product, (1.0, 1.0, 1.0, 0.0), (2, -row))
 
 
 def _set_sockets(tree, inputs: list[str]) -> None:
@@ -238,7 +248,7 @@ def _mix(tree, blend_type: str, left, right, place: tuple[int, int]):
 def _joined(tree, node, inputs: Iterable, values: Iterable, place: tuple[int, int], output):
     node.location = (place[0] * _STEP, place[1] * _STEP)
     for socket, value in zip(inputs, values, strict=True):
-        if isinstance(value, float):
+        if isinstance(value, (float, tuple)):
             socket.default_value = value
         else:
             tree.links.new(value, socket)

@@ -19,11 +19,12 @@ from .own_settings import casts_shadow, is_composited
 @dataclass(frozen=True, eq=False)
 class Joined:
     """A lamp that has light group `group` to itself. `carrier`: the object to put into it, None where it is
-    in it already."""
+    in it already. `is_shadowed`: it gets a shadow in place of its own, not only a filter."""
 
     named: NamedLamp
     group: str
     carrier: bpy.types.Object | None
+    is_shadowed: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,18 +46,19 @@ def lamps_of(view_layer: bpy.types.ViewLayer, names: LampNames) -> dict[str, Nam
 
 def divide(
     scene: bpy.types.Scene,
-    shadows: Mapping[bpy.types.ViewLayer, Collection[str]],
+    found: Mapping[bpy.types.ViewLayer, Mapping[str, bool]],
     idle: Collection[str] = (),
 ) -> Division:
-    """`shadows`: for each view layer that renders, pass names of the lamps that there are shadows of. `idle`:
-    names of lamps that are known to shadow nothing in view, which have no shadow to lose."""
-    return _Divider(scene, shadows, idle).divide()
+    """`found`: for each view layer that renders, by pass name the lamps that there is something to put onto,
+    and whether a shadow is among it. `idle`: names of lamps that are known to shadow nothing in view, which
+    have no shadow to lose."""
+    return _Divider(scene, found, idle).divide()
 
 
 @dataclass(eq=False)
 class _Divider:
     scene: bpy.types.Scene
-    shadows: Mapping[bpy.types.ViewLayer, Collection[str]]
+    found: Mapping[bpy.types.ViewLayer, Mapping[str, bool]]
     idle: Collection[str]
     lamps: dict[str, NamedLamp] = field(default_factory=dict)
     members: dict[str, list[str]] = field(default_factory=dict)
@@ -64,7 +66,7 @@ class _Divider:
 
     def divide(self) -> Division:
         names = LampNames()
-        by_layer = {layer: lamps_of(layer, names) for layer in self.shadows}
+        by_layer = {layer: lamps_of(layer, names) for layer in self.found}
         for lamps in by_layer.values():
             self.lamps |= lamps
         self._find_members()
@@ -74,22 +76,25 @@ class _Divider:
             lacking = [
                 layer.name
                 for layer, there in by_layer.items()
-                if name in there and name not in self.shadows[layer]
+                if name in there and self.found[layer].get(name) != self.wanted[name]
             ]
             if lacking:
                 apart[name] = (
-                    f"view layer '{lacking[0]}' renders too and has no shadow of it: bake that as well"
+                    f"view layer '{lacking[0]}' renders too and has no {_what(self.wanted[name])} of it: "
+                    "bake that as well"
                 )
                 continue
-            found = self._judged(self.lamps[name])
-            (apart if isinstance(found, str) else joined)[name] = found
+            judged = self._judged(self.lamps[name], self.wanted[name])
+            (apart if isinstance(judged, str) else joined)[name] = judged
         self._keep_whole_data(joined, apart)
         shown = {layer.name: frozenset(there) for layer, there in by_layer.items()}
         return Division(joined, apart, shown)
 
     @cached_property
-    def wanted(self) -> set[str]:
-        return {name for found in self.shadows.values() for name in found}
+    def wanted(self) -> dict[str, bool]:
+        """Whether a shadow is among what there is of a lamp."""
+        names = {name for found in self.found.values() for name in found}
+        return {name: any(found.get(name) for found in self.found.values()) for name in names}
 
     def _is_idle(self, named: NamedLamp) -> bool:
         return named.pass_name not in self.wanted and named.name in self.idle
@@ -99,7 +104,7 @@ class _Divider:
         for named in self.lamps.values():
             if group := _group_of(named):
                 self.members.setdefault(group, []).append(named.name)
-        for thing in {thing for layer in self.shadows for thing in layer.objects}:
+        for thing in {thing for layer in self.found for thing in layer.objects}:
             if thing.lightgroup and thing.type != "LIGHT" and _glows(thing):
                 self.members.setdefault(thing.lightgroup, []).append(thing.name)
         world = self.scene.world
@@ -108,14 +113,14 @@ class _Divider:
         owners = (*bpy.data.objects, *bpy.data.worlds)
         self.taken = {owner.lightgroup for owner in owners if owner.lightgroup}
 
-    def _judged(self, named: NamedLamp) -> Joined | str:
+    def _judged(self, named: NamedLamp, is_shadowed: bool) -> Joined | str:
         """Or why not."""
         light = named.lamp.data
-        if not casts_shadow(light):
+        if is_shadowed and not casts_shadow(light):
             return "its shadow is switched off"
-        if not light.is_editable:
+        if is_shadowed and not light.is_editable:
             return "its light is linked from a library and cannot be changed: make a library override"
-        if moves(light, "use_shadow"):
+        if is_shadowed and moves(light, "use_shadow"):
             return "its shadow is switched by an animation or a driver"
         group = _group_of(named)
         if group:
@@ -123,13 +128,13 @@ class _Divider:
             if others or len(self.members[group]) > 1:
                 with_whom = ", ".join(f"'{name}'" for name in others) or "its other instances"
                 return f"it shares light group '{group}' with {with_whom}: give it a group of its own"
-            return Joined(named, group, None)
+            return Joined(named, group, None, is_shadowed)
         carriers = [thing for thing in self._carriers(named) if thing.is_editable]
         if not carriers:
             return "no object that shows it alone can be put into a light group"
         group = self._free_name(named.pass_name)
         self.taken.add(group)
-        return Joined(named, group, carriers[0])
+        return Joined(named, group, carriers[0], is_shadowed)
 
     def _carriers(self, named: NamedLamp) -> Iterable[bpy.types.Object]:
         """Objects by whose light group this lamp has one, and nothing else has it."""
@@ -149,6 +154,8 @@ class _Divider:
     def _keep_whole_data(self, joined: dict[str, Joined], apart: dict[str, str]) -> None:
         """A light that several lamps have keeps its shadow where one of them would be left without any."""
         for pass_name, found in list(joined.items()):
+            if not found.is_shadowed:
+                continue
             data = found.named.lamp.data
             others = [
                 other
@@ -159,6 +166,10 @@ class _Divider:
                 apart[pass_name] = f"its light is also that of '{others[0].name}', which cannot be joined"
         for pass_name in apart:
             joined.pop(pass_name, None)
+
+
+def _what(is_shadowed: bool) -> str:
+    return "shadow" if is_shadowed else "filter"
 
 
 def _group_of(named: NamedLamp) -> str:
@@ -200,7 +211,7 @@ def apply(division: Division, scene: bpy.types.Scene) -> tuple[list[str], list[b
     for found in division.joined.values():
         if found.carrier is not None:
             found.carrier.lightgroup = found.group
-    lights = {found.named.lamp.data for found in division.joined.values()}
+    lights = {found.named.lamp.data for found in division.joined.values() if found.is_shadowed}
     switched = sorted(light.name for light in lights if light.use_shadow)
     for light in lights:
         # Only what changes: each assignment is an update, and a library override.
