@@ -2,7 +2,7 @@
 
 use crate::cancel::CancelFlag;
 use crate::emitter::{Emitter, Samples};
-use crate::rays::lanes::{LANES, Lanes, Simd, Work, dispatch};
+use crate::simd::{LANES, Lanes, Simd, Work, dispatch};
 use numpy::{
     IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray3, PyUntypedArrayMethods,
 };

@@ -12,6 +12,7 @@ pub mod irradiance;
 pub mod raster;
 pub mod rays;
 pub mod rows;
+mod simd;
 pub mod soft_shadow;
 pub mod toon;
 mod topology;

@@ -3,9 +3,9 @@
 use super::camera::{Camera, SUBPIXEL_BITS, SUBPIXELS, winding_normal};
 use super::edge::edge;
 use super::setup::{Point, Polygon, Triangle};
-use super::simd::{Vector, Work, run_widest};
 use crate::cancel::CancelFlag;
 use crate::geometry::{Data, Instance};
+use crate::simd::{Simd, Work, dispatch};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
@@ -273,7 +273,7 @@ impl Work for SetUpChunk<'_> {
     type Output = Chunk;
 
     #[inline(always)]
-    fn run<V: Vector>(self, _: V) -> Chunk {
+    fn run<S: Simd>(self, _: S) -> Chunk {
         let (camera, grid) = (self.camera, &self.grid);
         let count = self.pieces.iter().map(|piece| piece.triangles.len()).sum();
         let mut triangles: Vec<Triangle> = Vec::with_capacity(count);
@@ -360,7 +360,7 @@ pub fn bin_triangles(
         .par_iter()
         .map(|pieces| {
             cancel.check()?;
-            Ok(run_widest(SetUpChunk {
+            Ok(dispatch(SetUpChunk {
                 data,
                 camera,
                 grid,

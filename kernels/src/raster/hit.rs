@@ -1,8 +1,7 @@
 //! Where in a triangle a pixel's ray lands, in double precision, and what is there.
 
+use super::block::{BLOCK_WIDTH, Block};
 use super::camera::{Camera, Ray, Transform, winding_normal};
-use super::simd::Lanes;
-use super::tile::BLOCK_WIDTH;
 use crate::geometry::{Data, Instance, Mesh};
 use crate::vector::{Vec3, add, cross, dot, scale, sub};
 
@@ -62,7 +61,7 @@ impl<'a> Finder<'a> {
 
     /// Sets the depths of a block's fragments that alpha clip cuts away to infinity; `pixel` is its first.
     #[inline(never)]
-    pub fn cut(&self, depths: &mut Lanes<f32>, id: u32, pixel: [i32; 2]) {
+    pub fn cut(&self, depths: &mut Block<f32>, id: u32, pixel: [i32; 2]) {
         let hit = self.find(id);
         let cutout = &self.data.cutouts[hit.material() as usize];
         for (row, depths) in depths.0.as_chunks_mut::<WIDE>().0.iter_mut().enumerate() {

@@ -1,10 +1,11 @@
 //! The nearest depths of every texel, in one pass: a k-buffer a tile, owned by one task.
 
 use super::bins::{Bins, TILE};
+use super::block::{BLOCK_PIXELS, BLOCK_WIDTH, BLOCKS, Block, quarter};
 use super::hit::Finder;
-use super::simd::{LANES, Lanes, Vector, Work, run_widest};
-use super::tile::{BLOCK_WIDTH, BLOCKS, Sink, draw_tile, quarter};
+use super::tile::{Sink, draw_tile};
 use crate::cancel::CancelFlag;
+use crate::simd::{Eight, Simd, Work, dispatch};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
@@ -15,23 +16,23 @@ pub const MAX_LAYERS: usize = 16;
 /// Fragments are inserted by a chain of min and max, so a texel ends with the smallest depths of the
 /// whole multiset, whatever the order of arrival: what is left of equal depths cannot differ.
 struct KBuffer<'a> {
-    depths: &'a mut [Lanes<f32>],
+    depths: &'a mut [Block<f32>],
     layers: usize,
 }
 
 impl Sink for KBuffer<'_> {
     #[inline(always)]
-    fn wants<V: Vector>(&self, v: V, block: usize, depths: V::Float) -> bool {
+    fn wants<V: Eight>(&self, v: V, block: usize, depths: V::Floats) -> bool {
         let last = &self.depths[block * self.layers + self.layers - 1];
-        v.bits(v.less(depths, v.floats(last))) != 0
+        v.bits(v.less(depths, v.load(&last.0))) != 0
     }
 
     #[inline(always)]
-    fn keep<V: Vector>(&mut self, v: V, block: usize, depths: V::Float, _id: u32) {
+    fn keep<V: Eight>(&mut self, v: V, block: usize, depths: V::Floats, _id: u32) {
         let mut falling = depths;
         for layer in &mut self.depths[block * self.layers..(block + 1) * self.layers] {
-            let kept = v.floats(layer);
-            v.store_floats(v.min(kept, falling), layer);
+            let kept = v.load(&layer.0);
+            v.store(v.min(kept, falling), &mut layer.0);
             falling = v.max(kept, falling);
         }
     }
@@ -43,7 +44,7 @@ struct DrawTile<'a, 'b> {
     tile: usize,
     layers: usize,
     /// Used again by the next tile.
-    depths: &'a mut [Lanes<f32>],
+    depths: &'a mut [Block<f32>],
     /// This tile's part of each row, all rows of layer 0 first.
     rows: Vec<&'b mut [f32]>,
 }
@@ -52,13 +53,13 @@ impl Work for DrawTile<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<V: Vector>(mut self, v: V) {
-        self.depths.fill(Lanes([f32::INFINITY; LANES]));
+    fn run<S: Simd>(mut self, simd: S) {
+        self.depths.fill(Block([f32::INFINITY; BLOCK_PIXELS]));
         let mut sink = KBuffer {
             depths: self.depths,
             layers: self.layers,
         };
-        draw_tile(v, self.bins, self.tile, self.finder, &mut sink);
+        draw_tile(simd.eight(), self.bins, self.tile, self.finder, &mut sink);
         let count = self.rows.len() / self.layers;
         let [columns, rows] = self.bins.grid.extent(self.tile);
         for (index, mut row) in self.rows.iter_mut().map(|row| &mut **row).enumerate() {
@@ -85,7 +86,7 @@ pub fn layered_depth(bins: &Bins, finder: &Finder, layers: usize, cancel: &Cance
     for layer in image.chunks_mut(grid.height * grid.width) {
         grid.deal(layer, |tile, _, part| tiles[tile].push(part));
     }
-    let buffer = || vec![Lanes([f32::INFINITY; LANES]); BLOCKS * layers];
+    let buffer = || vec![Block([f32::INFINITY; BLOCK_PIXELS]); BLOCKS * layers];
     tiles
         .into_par_iter()
         .enumerate()
@@ -94,7 +95,7 @@ pub fn layered_depth(bins: &Bins, finder: &Finder, layers: usize, cancel: &Cance
             if bins.is_empty(tile) {
                 rows.iter_mut().for_each(|row| row.fill(f32::INFINITY));
             } else {
-                run_widest(DrawTile {
+                dispatch(DrawTile {
                     bins,
                     finder,
                     tile,

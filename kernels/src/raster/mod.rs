@@ -4,6 +4,7 @@
 //! of the triangles' ids. Row 0 is the bottom row.
 
 mod bins;
+mod block;
 mod camera;
 mod clip;
 mod edge;
@@ -12,7 +13,6 @@ mod layers;
 mod pyramid;
 mod setup;
 mod shade;
-mod simd;
 mod surface;
 mod tile;
 

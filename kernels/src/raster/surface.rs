@@ -1,11 +1,12 @@
 //! The surface that a view sees: a visibility buffer first, then only the attributes asked for.
 
 use super::bins::Bins;
+use super::block::{BLOCK_PIXELS, BLOCK_WIDTH, BLOCKS, Block, quarter};
 use super::hit::{Finder, Hit};
 use super::shade::{Images, Row, clear, shade, split};
-use super::simd::{LANES, Lanes, Vector, Work, run_widest};
-use super::tile::{BLOCK_WIDTH, BLOCKS, Sink, draw_tile, quarter};
+use super::tile::{Sink, draw_tile};
 use crate::cancel::CancelFlag;
+use crate::simd::{Eight, Simd, Work, dispatch};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
@@ -18,8 +19,8 @@ const CONTACT: f32 = 1e-6;
 /// Nearest triangle of each pixel. Items come in the order of their ids and only a smaller depth
 /// replaces, so that equal depths go to the lowest (instance, triangle).
 struct Visibility {
-    depths: Vec<Lanes<f32>>,
-    ids: Vec<Lanes<i32>>,
+    depths: Vec<Block<f32>>,
+    ids: Vec<Block<u32>>,
     /// The farthest depth of each block.
     farthest: Vec<f32>,
 }
@@ -31,34 +32,34 @@ impl Sink for Visibility {
     }
 
     #[inline(always)]
-    fn wants<V: Vector>(&self, v: V, block: usize, depths: V::Float) -> bool {
-        v.bits(v.less(depths, v.floats(&self.depths[block]))) != 0
+    fn wants<V: Eight>(&self, v: V, block: usize, depths: V::Floats) -> bool {
+        v.bits(v.less(depths, v.load(&self.depths[block].0))) != 0
     }
 
     #[inline(always)]
-    fn keep<V: Vector>(&mut self, v: V, block: usize, depths: V::Float, id: u32) {
-        let (kept, ids) = (v.floats(&self.depths[block]), v.ints(&self.ids[block]));
+    fn keep<V: Eight>(&mut self, v: V, block: usize, depths: V::Floats, id: u32) {
+        let (kept, ids) = (v.load(&self.depths[block].0), v.load_ints(&self.ids[block].0));
         let nearer = v.less(depths, kept);
         let kept = v.select(nearer, depths, kept);
-        v.store_floats(kept, &mut self.depths[block]);
+        v.store(kept, &mut self.depths[block].0);
         self.farthest[block] = v.largest(kept);
         let id = v.splat_int(id.cast_signed());
-        v.store_ints(v.select_int(nearer, id, ids), &mut self.ids[block]);
+        v.store_ints(v.select_ints(nearer, id, ids), &mut self.ids[block].0);
     }
 }
 
 impl Visibility {
     fn new() -> Self {
         Visibility {
-            depths: vec![Lanes([f32::INFINITY; LANES]); BLOCKS],
-            ids: vec![Lanes([NOTHING.cast_signed(); LANES]); BLOCKS],
+            depths: vec![Block([f32::INFINITY; BLOCK_PIXELS]); BLOCKS],
+            ids: vec![Block([NOTHING; BLOCK_PIXELS]); BLOCKS],
             farthest: vec![f32::INFINITY; BLOCKS],
         }
     }
 
     fn clear(&mut self) {
-        self.depths.fill(Lanes([f32::INFINITY; LANES]));
-        self.ids.fill(Lanes([NOTHING.cast_signed(); LANES]));
+        self.depths.fill(Block([f32::INFINITY; BLOCK_PIXELS]));
+        self.ids.fill(Block([NOTHING; BLOCK_PIXELS]));
         self.farthest.fill(f32::INFINITY);
     }
 
@@ -79,7 +80,7 @@ impl Visibility {
     /// The triangle at a tile's pixel.
     fn id(&self, x: usize, y: usize) -> u32 {
         let (block, lane) = quarter(x, y);
-        self.ids[block].0[lane + x % BLOCK_WIDTH].cast_unsigned()
+        self.ids[block].0[lane + x % BLOCK_WIDTH]
     }
 }
 
@@ -94,8 +95,8 @@ impl Work for DrawTile<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<V: Vector>(self, v: V) {
-        draw_tile(v, self.bins, self.tile, self.finder, self.visibility);
+    fn run<S: Simd>(self, simd: S) {
+        draw_tile(simd.eight(), self.bins, self.tile, self.finder, self.visibility);
     }
 }
 
@@ -114,7 +115,7 @@ impl Work for ShadeTile<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<V: Vector>(self, _: V) {
+    fn run<S: Simd>(self, _: S) {
         let (grid, camera) = (self.bins.grid, self.finder.camera);
         let (origin, [columns, rows]) = (grid.origin(self.tile), grid.extent(self.tile));
         let left = columns.start;
@@ -151,13 +152,13 @@ pub fn surface(bins: &Bins, finder: &Finder, images: &mut Images, cancel: &Cance
     tiles.try_for_each_init(Visibility::new, |visibility, (tile, mut rows)| {
         cancel.check()?;
         visibility.clear();
-        run_widest(DrawTile {
+        dispatch(DrawTile {
             bins,
             finder,
             tile,
             visibility,
         });
-        run_widest(ShadeTile {
+        dispatch(ShadeTile {
             bins,
             finder,
             tile,
@@ -190,7 +191,7 @@ pub fn before(bins: &Bins, finder: &Finder, depths: &[f32], cancel: &CancelFlag)
             (y, &row[place(across, columns.start)..place(across, columns.end)])
         });
         visibility.limit(columns.start, shown);
-        run_widest(DrawTile {
+        dispatch(DrawTile {
             bins,
             finder,
             tile,

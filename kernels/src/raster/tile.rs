@@ -1,32 +1,20 @@
 //! Drawing a tile: coverage and depth in blocks of 4 x 2 pixels.
 
 use super::bins::{Bins, Item, TILE};
+use super::block::{BLOCK_HEIGHT, BLOCK_PIXELS, BLOCK_WIDTH, BLOCKS_ACROSS, Block};
 use super::camera::{SUBPIXEL_BITS, SUBPIXELS};
 use super::clip::MAX_CORNERS;
 use super::edge::{Edge, edge};
 use super::hit::Finder;
 use super::setup::{Plane, Point, Triangle};
-use super::simd::{LANES, Lanes, Vector};
+use crate::simd::Eight;
 use std::ops::Range;
 
-pub const BLOCK_WIDTH: usize = 4;
-pub const BLOCK_HEIGHT: usize = 2;
-pub const BLOCKS_ACROSS: usize = TILE / BLOCK_WIDTH;
-/// Blocks in a tile.
-pub const BLOCKS: usize = BLOCKS_ACROSS * (TILE / BLOCK_HEIGHT);
-
 /// Offsets of a block's pixels from its first one: lane = x + 4 y.
-const LANE_X: Lanes<i32> = Lanes([0, 1, 2, 3, 0, 1, 2, 3]);
-const LANE_Y: Lanes<i32> = Lanes([0, 0, 0, 0, 1, 1, 1, 1]);
-const LANE_X_FLOAT: Lanes<f32> = Lanes([0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0]);
-const LANE_Y_FLOAT: Lanes<f32> = Lanes([0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
-
-/// Four neighbouring pixels, `x` to `x + 3`, of a tile's row: their block and first lane.
-#[inline(always)]
-pub fn quarter(x: usize, y: usize) -> (usize, usize) {
-    let block = (y / BLOCK_HEIGHT) * BLOCKS_ACROSS + x / BLOCK_WIDTH;
-    (block, (y % BLOCK_HEIGHT) * BLOCK_WIDTH)
-}
+const LANE_X: Block<u32> = Block([0, 1, 2, 3, 0, 1, 2, 3]);
+const LANE_Y: Block<u32> = Block([0, 0, 0, 0, 1, 1, 1, 1]);
+const LANE_X_FLOAT: Block<f32> = Block([0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0]);
+const LANE_Y_FLOAT: Block<f32> = Block([0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
 
 /// Keeps what a tile's pixels need of the fragments. Owned by the one task that draws the tile.
 pub trait Sink {
@@ -36,9 +24,9 @@ pub trait Sink {
         false
     }
     /// Whether any of a block's depths, infinite where the triangle is not, would be kept.
-    fn wants<V: Vector>(&self, v: V, block: usize, depths: V::Float) -> bool;
+    fn wants<V: Eight>(&self, v: V, block: usize, depths: V::Floats) -> bool;
     /// Keeps what it wants of them.
-    fn keep<V: Vector>(&mut self, v: V, block: usize, depths: V::Float, id: u32);
+    fn keep<V: Eight>(&mut self, v: V, block: usize, depths: V::Floats, id: u32);
 }
 
 /// First and last pixel, relative to the tile.
@@ -56,7 +44,7 @@ struct Outline<'a, const N: usize> {
 
 /// Draws all items of a tile into the sink, in the order of their ids.
 #[inline(always)]
-pub fn draw_tile<V: Vector, S: Sink>(v: V, bins: &Bins, tile: usize, finder: &Finder, sink: &mut S) {
+pub fn draw_tile<V: Eight, S: Sink>(v: V, bins: &Bins, tile: usize, finder: &Finder, sink: &mut S) {
     if finder.camera.orthographic {
         draw_items::<V, S, true>(v, bins, tile, finder, sink);
     } else {
@@ -65,7 +53,7 @@ pub fn draw_tile<V: Vector, S: Sink>(v: V, bins: &Bins, tile: usize, finder: &Fi
 }
 
 #[inline(always)]
-fn draw_items<V: Vector, S: Sink, const ORTHOGRAPHIC: bool>(
+fn draw_items<V: Eight, S: Sink, const ORTHOGRAPHIC: bool>(
     v: V,
     bins: &Bins,
     tile: usize,
@@ -185,8 +173,19 @@ fn crossed<const N: usize>(edges: &[Edge<i32>; N], y: i32, columns: Range<i32>) 
     first..end
 }
 
+/// How much each edge's value changes from a block's first pixel to its others.
 #[inline(always)]
-fn draw<V: Vector, S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
+fn edge_steps<V: Eight, const N: usize>(v: V, edges: &[Edge<i32>; N]) -> [V::Ints; N] {
+    let mut steps = [v.splat_int(0); N];
+    for (step, edge) in steps.iter_mut().zip(edges) {
+        let along = v.mul_ints(v.splat_int(edge.dx), v.load_ints(&LANE_X.0));
+        *step = v.add_ints(along, v.mul_ints(v.splat_int(edge.dy), v.load_ints(&LANE_Y.0)));
+    }
+    steps
+}
+
+#[inline(always)]
+fn draw<V: Eight, S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
     v: V,
     origin: [i32; 2],
     outline: &Outline<'_, N>,
@@ -194,15 +193,9 @@ fn draw<V: Vector, S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
 ) {
     let Outline { edges, plane, id, .. } = outline;
     let [low, high] = outline.extent;
-    let affine = |dx: i32, dy: i32| {
-        let along = v.mul_int(v.splat_int(dx), v.ints(&LANE_X));
-        v.add_int(along, v.mul_int(v.splat_int(dy), v.ints(&LANE_Y)))
-    };
-    let steps = edges.map(|e| affine(e.dx, e.dy));
-    let plane_steps = v.add(
-        v.mul(v.splat(plane.dx as f32), v.floats(&LANE_X_FLOAT)),
-        v.mul(v.splat(plane.dy as f32), v.floats(&LANE_Y_FLOAT)),
-    );
+    let steps = edge_steps(v, edges);
+    let plane_steps = v.splat(plane.dx as f32) * v.load(&LANE_X_FLOAT.0)
+        + v.splat(plane.dy as f32) * v.load(&LANE_Y_FLOAT.0);
     let (nearest, farthest) = (v.splat(plane.nearest), v.splat(plane.farthest));
     const WIDTH: i32 = BLOCK_WIDTH as i32;
     const HEIGHT: i32 = BLOCK_HEIGHT as i32;
@@ -220,27 +213,27 @@ fn draw<V: Vector, S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
             let x = column * WIDTH;
             let mut outside = v.splat_int(0);
             for (e, &step) in edges.iter().zip(&steps) {
-                outside = v.or(outside, v.add_int(v.splat_int(e.at + e.dx * x + e.dy * y), step));
+                outside = v.or_ints(outside, v.add_ints(v.splat_int(e.at + e.dx * x + e.dy * y), step));
             }
-            if v.bits(outside) == (1 << LANES) - 1 {
+            if v.bits(v.negative(outside)) == V::ALL {
                 continue;
             }
             let pixel = [origin[0] + x, origin[1] + y];
-            let mut depths = v.add(v.splat(plane.value(pixel) as f32), plane_steps);
+            let mut depths = v.splat(plane.value(pixel) as f32) + plane_steps;
             if !ORTHOGRAPHIC {
                 // What lies beyond infinity (a plane seen edge on) is far, not behind.
-                depths = v.div(v.splat(1.0), v.max(depths, v.splat(f32::MIN_POSITIVE)));
+                depths = v.splat(1.0) / v.max(depths, v.splat(f32::MIN_POSITIVE));
             }
             depths = v.min(v.max(depths, nearest), farthest);
-            depths = v.select(outside, v.splat(f32::INFINITY), depths);
+            depths = v.select(v.negative(outside), v.splat(f32::INFINITY), depths);
             if !sink.wants(v, block, depths) {
                 continue;
             }
             if let Some(finder) = outline.alpha {
-                let mut cut = Lanes([0.0; LANES]);
-                v.store_floats(depths, &mut cut);
+                let mut cut = Block([0.0; BLOCK_PIXELS]);
+                v.store(depths, &mut cut.0);
                 finder.cut(&mut cut, *id, pixel);
-                depths = v.floats(&cut);
+                depths = v.load(&cut.0);
             }
             sink.keep(v, block, depths, *id);
         }

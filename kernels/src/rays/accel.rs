@@ -1,11 +1,11 @@
 //! Rays from Python: the tree as a class, and its queries.
 
 use super::bvh::Nearest;
-use super::lanes::{LANES, Simd, Work, dispatch};
 use super::packet::Packet;
 use super::scene::{Scene, Scratch};
 use super::{CHUNK, Flag, Floats, bytes, in_parallel, three, triples};
 use crate::geometry::Geometry;
+use crate::simd::{LANES, Simd, Work, dispatch};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -36,6 +36,7 @@ impl<const NEAREST: bool> Work for Rays<'_, NEAREST> {
 
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
+        let vector = simd.sixteen();
         let mut scratch = Scratch::default();
         for first in (0..self.origins.len()).step_by(LANES) {
             let mut packet = Packet::EMPTY;
@@ -53,7 +54,7 @@ impl<const NEAREST: bool> Work for Rays<'_, NEAREST> {
             }
             packet.prepare();
             let scene = self.scene;
-            scene.trace::<S, NEAREST>(simd, self.casters, &mut packet, &mut scratch, &mut nearest);
+            scene.trace::<_, NEAREST>(vector, self.casters, &mut packet, &mut scratch, &mut nearest);
             (self.done)(first, &packet, &nearest);
         }
     }

@@ -5,8 +5,8 @@
 //! planes' distances. obvhs' own walks are not used because they do not widen boxes for rounding and drop
 //! boxes that end within t = 1e-4.
 
-use super::lanes::{LANES, Lanes, Simd};
 use super::packet::{Packet, WIDENING, lanes_of};
+use crate::simd::{LANES, Lanes, Vector};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
@@ -56,10 +56,10 @@ impl Boundable for Bounds {
 pub type Stack = Vec<(u32, u32)>;
 
 /// What a walk does with a leaf. A trait and not a closure, because it must be compiled with the walk (see
-/// [`super::lanes::dispatch`]), and closures cannot be told to.
+/// [`crate::simd::dispatch`]), and closures cannot be told to.
 pub trait Leaf {
     /// Marks those of `rays` that are done in `packet.hit`.
-    fn visit<S: Simd>(&mut self, simd: S, packet: &mut Packet, rays: u32, leaf: usize);
+    fn visit<V: Vector>(&mut self, vector: V, packet: &mut Packet, rays: u32, leaf: usize);
 }
 
 fn widened(aabb: &Aabb) -> ([f32; 3], [f32; 3]) {
@@ -123,9 +123,9 @@ impl Bvh {
     /// Takes `rays` to every leaf that they may meet, nearer ones first, until all are done. `stack` is
     /// scratch. `SHARED`: the packet is.
     #[inline(always)]
-    pub fn walk<S: Simd, const SHARED: bool>(
+    pub fn walk<V: Vector, const SHARED: bool>(
         &self,
-        simd: S,
+        vector: V,
         packet: &mut Packet,
         rays: u32,
         stack: &mut Stack,
@@ -145,9 +145,9 @@ impl Bvh {
                 continue;
             }
             if reference & LEAF == 0 {
-                self.descend::<S, SHARED>(simd, packet, waiting, reference as usize, stack);
+                self.descend::<V, SHARED>(vector, packet, waiting, reference as usize, stack);
             } else {
-                leaf.visit(simd, packet, waiting, (reference & !LEAF) as usize);
+                leaf.visit(vector, packet, waiting, (reference & !LEAF) as usize);
                 if rays & !packet.hit == 0 {
                     stack.truncate(floor);
                     return;
@@ -158,24 +158,23 @@ impl Bvh {
 
     /// Pushes the children of a node that any ray meets, the nearest last.
     #[inline(always)]
-    fn descend<S: Simd, const SHARED: bool>(
+    fn descend<V: Vector, const SHARED: bool>(
         &self,
-        simd: S,
+        vector: V,
         packet: &Packet,
         rays: u32,
         node: usize,
         stack: &mut Stack,
     ) {
         let node = &self.nodes[node];
-        let slack = [simd.splat(-packet.slack), simd.splat(packet.slack)];
+        let slack = [vector.splat(-packet.slack), vector.splat(packet.slack)];
         let mut relative = [[[0.0; LANES]; 2]; 3];
         if SHARED {
             let origin = packet.origin_of(rays.trailing_zeros() as usize % LANES);
             for axis in 0..3 {
                 for side in 0..2 {
-                    let plane = simd.add(simd.load(&node.planes[axis][side]), slack[side]);
-                    let distance = simd.sub(plane, simd.splat(origin[axis]));
-                    simd.store(distance, &mut relative[axis][side]);
+                    let distance = distance(vector, &node.planes[axis][side], slack[side], origin[axis]);
+                    vector.store(distance, &mut relative[axis][side]);
                 }
             }
         }
@@ -183,25 +182,30 @@ impl Bvh {
         let mut child_near = [0f32; LANES];
         let mut met = 0u32;
         for ray in lanes_of(rays) {
-            let (mut near, mut far) = (simd.splat(0.0), simd.splat(packet.t_max[ray]));
+            let (mut near, mut far) = (vector.splat(0.0), vector.splat(packet.t_max[ray]));
             for axis in 0..3 {
-                let inverse = simd.splat(packet.inverse[axis][ray]);
+                let inverse = vector.splat(packet.inverse[axis][ray]);
                 let first = (packet.backward[axis] >> ray & 1) as usize;
-                let distance = |side: usize| {
-                    if SHARED {
-                        simd.load(&relative[axis][side])
-                    } else {
-                        let plane = simd.add(simd.load(&node.planes[axis][side]), slack[side]);
-                        simd.sub(plane, simd.splat(packet.origin[axis][ray]))
-                    }
+                let last = 1 - first;
+                let (entry, exit) = if SHARED {
+                    (
+                        vector.load(&relative[axis][first]),
+                        vector.load(&relative[axis][last]),
+                    )
+                } else {
+                    let (planes, origin) = (&node.planes[axis], packet.origin[axis][ray]);
+                    (
+                        distance(vector, &planes[first], slack[first], origin),
+                        distance(vector, &planes[last], slack[last], origin),
+                    )
                 };
-                near = simd.max(simd.mul(distance(first), inverse), near);
-                far = simd.min(simd.mul(distance(1 - first), inverse), far);
+                near = vector.max(entry * inverse, near);
+                far = vector.min(exit * inverse, far);
             }
-            let children = simd.bits(simd.less_equal(near, far));
+            let children = vector.bits(vector.less_equal(near, far));
             let mut nears = [0.0; LANES];
             if children & !met != 0 {
-                simd.store(near, &mut nears);
+                vector.store(near, &mut nears);
                 for child in lanes_of(children & !met) {
                     child_near[child] = nears[child];
                 }
@@ -229,6 +233,12 @@ impl Bvh {
             stack.push((node.children[child], child_rays[child]));
         }
     }
+}
+
+/// From an origin to widened planes.
+#[inline(always)]
+fn distance<V: Vector>(vector: V, planes: &Lanes, slack: V::Floats, origin: f32) -> V::Floats {
+    vector.load(planes) + slack - vector.splat(origin)
 }
 
 /// A node's up to sixteen descendants: the largest inner one is opened until there is no room.

@@ -1,10 +1,10 @@
 //! What a walk does when it comes to triangles, or to an instance of a tree of its own.
 
 use super::bvh::{Leaf, Nearest, Stack};
-use super::lanes::{LANES, Lanes, Simd};
 use super::packet::{Packet, lanes_of};
 use super::scene::{Matrix, Scene};
 use super::triangle::Block;
+use crate::simd::{LANES, Lanes, Vector};
 
 /// Leaves of triangles: those of one instance, or with `None` each of its own. `SHARED`: the packet is;
 /// `NEAREST`: rays go on to their nearest hit instead of ending at any.
@@ -31,29 +31,29 @@ impl<const SHARED: bool, const NEAREST: bool> InTriangles<'_, SHARED, NEAREST> {
 
 impl<const SHARED: bool, const NEAREST: bool> Leaf for InTriangles<'_, SHARED, NEAREST> {
     #[inline(always)]
-    fn visit<S: Simd>(&mut self, simd: S, packet: &mut Packet, rays: u32, leaf: usize) {
+    fn visit<V: Vector>(&mut self, vector: V, packet: &mut Packet, rays: u32, leaf: usize) {
         let block = &self.blocks[leaf];
         let casting = self.casting(block);
         if casting == 0 {
             return;
         }
         let first = rays.trailing_zeros() as usize % LANES;
-        let mut seen = block.seen_from(simd, packet.origin_of(first), packet);
+        let mut seen = block.seen_from(vector, packet.origin_of(first), packet);
         for ray in lanes_of(rays) {
             if !SHARED && ray != first {
-                seen = block.seen_from(simd, packet.origin_of(ray), packet);
+                seen = block.seen_from(vector, packet.origin_of(ray), packet);
             }
             let d = &packet.direction;
             // As far as the hit so far, and not just before it: of equal ones the rule below decides.
             let met = NEAREST && self.nearest.instance[ray] != u32::MAX;
             let t_max = packet.t_max[ray];
             let end = if met { t_max.next_up() } else { t_max };
-            let hits = seen.intersect(simd, [d[0][ray], d[1][ray], d[2][ray]], end);
+            let hits = seen.intersect(vector, [d[0][ray], d[1][ray], d[2][ray]], end);
             let mut hit = hits.hit & casting;
             if hit & block.cutouts != 0 {
                 let mut weights = [[0.0; LANES]; 3];
                 for edge in 0..3 {
-                    simd.store(hits.weights[edge], &mut weights[edge]);
+                    vector.store(hits.weights[edge], &mut weights[edge]);
                 }
                 hit = self.scene.opaque(block, self.instance, &weights, hit);
             }
@@ -62,7 +62,7 @@ impl<const SHARED: bool, const NEAREST: bool> Leaf for InTriangles<'_, SHARED, N
             }
             if NEAREST {
                 let mut t = [0.0; LANES];
-                simd.store(hits.t, &mut t);
+                vector.store(hits.t, &mut t);
                 for lane in lanes_of(hit) {
                     let id = (
                         self.instance.unwrap_or(block.instances[lane]),
@@ -94,7 +94,7 @@ pub struct InInstances<'a, const SHARED: bool, const NEAREST: bool> {
 
 impl<const SHARED: bool, const NEAREST: bool> Leaf for InInstances<'_, SHARED, NEAREST> {
     #[inline(always)]
-    fn visit<S: Simd>(&mut self, simd: S, packet: &mut Packet, rays: u32, leaf: usize) {
+    fn visit<V: Vector>(&mut self, vector: V, packet: &mut Packet, rays: u32, leaf: usize) {
         let placed = &self.scene.placed[leaf];
         if !self.casters.is_empty() && self.casters[placed.instance as usize] == 0 {
             return;
@@ -109,7 +109,7 @@ impl<const SHARED: bool, const NEAREST: bool> Leaf for InInstances<'_, SHARED, N
             nearest: self.nearest,
         };
         tree.bvh
-            .walk::<S, SHARED>(simd, &mut local, rays, self.stack, &mut triangles);
+            .walk::<V, SHARED>(vector, &mut local, rays, self.stack, &mut triangles);
         packet.hit |= local.hit;
         packet.t_max = local.t_max;
     }

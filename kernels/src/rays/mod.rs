@@ -7,7 +7,6 @@
 
 mod accel;
 mod bvh;
-pub mod lanes;
 mod leaves;
 mod packet;
 mod pattern;
@@ -18,8 +17,8 @@ mod visibility;
 
 use crate::cancel::CancelFlag;
 use crate::emitter::Emitter;
+use crate::simd::dispatch;
 use accel::Accel;
-use lanes::dispatch;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pattern::Pattern;
 use pyo3::exceptions::PyValueError;

@@ -1,6 +1,6 @@
 //! Sixteen rays that are traced together.
 
-use super::lanes::{LANES, Lanes};
+use crate::simd::{LANES, Lanes};
 
 /// Boxes are widened by this share of the coordinates' magnitude: the triangle test may be off by a few units
 /// in the last place, and must not be turned away by a box that is not.

@@ -4,7 +4,7 @@
 //! copies and turns over random bits of all its samples: that keeps every stratum, since it maps dyadic
 //! intervals to dyadic intervals, and makes each sample uniform, so that estimates are free of bias.
 
-use super::lanes::{LANES, Lanes};
+use crate::simd::{LANES, Lanes};
 
 const TABLES: usize = 64;
 

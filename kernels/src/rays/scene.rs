@@ -1,11 +1,11 @@
 //! Geometry prepared for rays: one tree over everything that was flattened, and a tree of instances.
 
 use super::bvh::{Bounds, Built, Bvh, Nearest, Stack};
-use super::lanes::{LANES, Simd};
 use super::leaves::{InInstances, InTriangles};
 use super::packet::{Packet, WIDENING};
 use super::triangle::{Block, Triangle};
 use crate::geometry::{Data, Instance, Mesh};
+use crate::simd::{LANES, Vector};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
@@ -230,25 +230,25 @@ impl Scene {
     /// Traces a prepared packet: rays that meet something are marked in `packet.hit`, or with `NEAREST` end at
     /// their nearest hit, which is written to `nearest`. `casters` as in [`Scene::build`].
     #[inline(always)]
-    pub fn trace<S: Simd, const NEAREST: bool>(
+    pub fn trace<V: Vector, const NEAREST: bool>(
         &self,
-        simd: S,
+        vector: V,
         casters: &[u8],
         packet: &mut Packet,
         scratch: &mut Scratch,
         nearest: &mut Nearest,
     ) {
         if packet.shared {
-            self.walk::<S, true, NEAREST>(simd, casters, packet, scratch, nearest);
+            self.walk::<V, true, NEAREST>(vector, casters, packet, scratch, nearest);
         } else {
-            self.walk::<S, false, NEAREST>(simd, casters, packet, scratch, nearest);
+            self.walk::<V, false, NEAREST>(vector, casters, packet, scratch, nearest);
         }
     }
 
     #[inline(always)]
-    fn walk<S: Simd, const SHARED: bool, const NEAREST: bool>(
+    fn walk<V: Vector, const SHARED: bool, const NEAREST: bool>(
         &self,
-        simd: S,
+        vector: V,
         casters: &[u8],
         packet: &mut Packet,
         scratch: &mut Scratch,
@@ -265,7 +265,7 @@ impl Scene {
         };
         self.flat
             .bvh
-            .walk::<S, SHARED>(simd, packet, rays, outer, &mut flat);
+            .walk::<V, SHARED>(vector, packet, rays, outer, &mut flat);
         let rays = rays & !packet.hit;
         if !self.placed.is_empty() && rays != 0 {
             let mut placed = InInstances::<SHARED, NEAREST> {
@@ -274,7 +274,8 @@ impl Scene {
                 nearest,
                 stack: inner,
             };
-            self.top.walk::<S, SHARED>(simd, packet, rays, outer, &mut placed);
+            self.top
+                .walk::<V, SHARED>(vector, packet, rays, outer, &mut placed);
         }
     }
 }

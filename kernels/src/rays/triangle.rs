@@ -12,8 +12,9 @@
 //! within rounding: some units in the last place of the distances involved. This is what keeps a surface from
 //! shadowing itself, however large its triangles.
 
-use super::lanes::{LANES, Lanes, Simd};
 use super::packet::Packet;
+use crate::simd::{LANES, Lanes, Vector};
+use std::ops::{Add, Mul, Sub};
 
 const ON_PLANE: f32 = 1.0 / (1 << 20) as f32;
 /// Of direction * edge * distance: bounds the rounding of their product (some twelve roundings of 2^-24).
@@ -108,82 +109,82 @@ impl Block {
 
     /// What the rays of one origin have in common.
     #[inline(always)]
-    pub fn seen_from<S: Simd>(&self, simd: S, origin: [f32; 3], packet: &Packet) -> Seen<S> {
-        let load = |v: &[Lanes; 3]| [simd.load(&v[0]), simd.load(&v[1]), simd.load(&v[2])];
+    pub fn seen_from<V: Vector>(&self, vector: V, origin: [f32; 3], packet: &Packet) -> Seen<V> {
+        let load = |v: &[Lanes; 3]| [vector.load(&v[0]), vector.load(&v[1]), vector.load(&v[2])];
         let o = [
-            simd.splat(origin[0]),
-            simd.splat(origin[1]),
-            simd.splat(origin[2]),
+            vector.splat(origin[0]),
+            vector.splat(origin[1]),
+            vector.splat(origin[2]),
         ];
         let (v0, v1, v2) = (
             load(&self.corners[0]),
             load(&self.corners[1]),
             load(&self.corners[2]),
         );
-        let (a, b, c) = (sub(simd, v0, o), sub(simd, v1, o), sub(simd, v2, o));
+        let (a, b, c) = (sub(v0, o), sub(v1, o), sub(v2, o));
         let normal = load(&self.normal);
-        let height = dot(simd, a, normal);
-        let (x, y, z) = (magnitude(simd, a), magnitude(simd, b), magnitude(simd, c));
-        let reach = simd.max(x, simd.max(y, z));
-        let tolerance = simd.add(simd.mul(simd.splat(ON_PLANE), reach), simd.splat(packet.slack));
-        let unit = simd.splat(ON_EDGE * packet.longest_direction);
+        let height = dot(a, normal);
+        let (x, y, z) = (magnitude(vector, a), magnitude(vector, b), magnitude(vector, c));
+        let reach = vector.max(x, vector.max(y, z));
+        let tolerance = vector.splat(ON_PLANE) * reach + vector.splat(packet.slack);
+        let unit = vector.splat(ON_EDGE * packet.longest_direction);
         Seen {
             edges: [
-                cross(simd, sub(simd, v1, v0), add(simd, a, b)),
-                cross(simd, sub(simd, v2, v1), add(simd, b, c)),
-                cross(simd, sub(simd, v0, v2), add(simd, c, a)),
+                cross(sub(v1, v0), add(a, b)),
+                cross(sub(v2, v1), add(b, c)),
+                cross(sub(v0, v2), add(c, a)),
             ],
             normal,
             height,
-            above: simd.less(tolerance, size(simd, height)),
-            rounding: simd.mul(simd.mul(unit, simd.load(&self.longest_edge)), reach),
+            above: vector.less(tolerance, vector.abs(height)),
+            rounding: unit * vector.load(&self.longest_edge) * reach,
         }
     }
 }
 
 /// A block as seen from an origin.
 #[derive(Clone, Copy)]
-pub struct Seen<S: Simd> {
-    edges: [[S::Float; 3]; 3],
-    normal: [S::Float; 3],
+pub struct Seen<V: Vector> {
+    edges: [[V::Floats; 3]; 3],
+    normal: [V::Floats; 3],
     /// Of the triangle's plane over the origin, along the normal.
-    height: S::Float,
-    above: S::Mask,
-    rounding: S::Float,
+    height: V::Floats,
+    above: V::Mask,
+    rounding: V::Floats,
 }
 
 /// Where a ray hits the triangles that it hits.
-pub struct Hits<S: Simd> {
+pub struct Hits<V: Vector> {
     /// One bit a triangle.
     pub hit: u32,
-    pub t: S::Float,
+    pub t: V::Floats,
     /// Unnormalised barycentric weights of corners 2, 0 and 1.
-    pub weights: [S::Float; 3],
+    pub weights: [V::Floats; 3],
 }
 
-impl<S: Simd> Seen<S> {
+impl<V: Vector> Seen<V> {
     #[inline(always)]
-    pub fn intersect(&self, simd: S, direction: [f32; 3], t_max: f32) -> Hits<S> {
-        let zero = simd.splat(0.0);
+    pub fn intersect(&self, vector: V, direction: [f32; 3], t_max: f32) -> Hits<V> {
+        let zero = vector.splat(0.0);
         let d = [
-            simd.splat(direction[0]),
-            simd.splat(direction[1]),
-            simd.splat(direction[2]),
+            vector.splat(direction[0]),
+            vector.splat(direction[1]),
+            vector.splat(direction[2]),
         ];
-        let u = dot(simd, d, self.edges[0]);
-        let v = dot(simd, d, self.edges[1]);
-        let w = dot(simd, d, self.edges[2]);
-        let least = simd.min(u, simd.min(v, w));
-        let most = simd.max(u, simd.max(v, w));
-        let inside = simd.or(
-            simd.less_equal(simd.sub(zero, self.rounding), least),
-            simd.less_equal(most, self.rounding),
+        let u = dot(d, self.edges[0]);
+        let v = dot(d, self.edges[1]);
+        let w = dot(d, self.edges[2]);
+        let least = vector.min(u, vector.min(v, w));
+        let most = vector.max(u, vector.max(v, w));
+        let inside = vector.or(
+            vector.less_equal(zero - self.rounding, least),
+            vector.less_equal(most, self.rounding),
         );
-        let t = simd.div(self.height, dot(simd, d, self.normal));
+        let t = self.height / dot(d, self.normal);
         // Infinite t, for a ray along the plane, is not below any t_max; NaN needs a height of zero.
-        let ahead = simd.and(simd.less(zero, t), simd.less(t, simd.splat(t_max)));
+        let ahead = vector.and(vector.less(zero, t), vector.less(t, vector.splat(t_max)));
         Hits {
-            hit: simd.bits(simd.and(simd.and(inside, self.above), ahead)),
+            hit: vector.bits(vector.and(vector.and(inside, self.above), ahead)),
             t,
             weights: [u, v, w],
         }
@@ -191,36 +192,30 @@ impl<S: Simd> Seen<S> {
 }
 
 #[inline(always)]
-fn size<S: Simd>(simd: S, a: S::Float) -> S::Float {
-    simd.max(a, simd.sub(simd.splat(0.0), a))
+fn magnitude<V: Vector>(vector: V, a: [V::Floats; 3]) -> V::Floats {
+    vector.max(vector.abs(a[0]), vector.max(vector.abs(a[1]), vector.abs(a[2])))
 }
 
 #[inline(always)]
-fn magnitude<S: Simd>(simd: S, a: [S::Float; 3]) -> S::Float {
-    simd.max(size(simd, a[0]), simd.max(size(simd, a[1]), size(simd, a[2])))
+fn add<F: Copy + Add<Output = F>>(a: [F; 3], b: [F; 3]) -> [F; 3] {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
 #[inline(always)]
-fn add<S: Simd>(simd: S, a: [S::Float; 3], b: [S::Float; 3]) -> [S::Float; 3] {
-    [simd.add(a[0], b[0]), simd.add(a[1], b[1]), simd.add(a[2], b[2])]
+fn sub<F: Copy + Sub<Output = F>>(a: [F; 3], b: [F; 3]) -> [F; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 #[inline(always)]
-fn sub<S: Simd>(simd: S, a: [S::Float; 3], b: [S::Float; 3]) -> [S::Float; 3] {
-    [simd.sub(a[0], b[0]), simd.sub(a[1], b[1]), simd.sub(a[2], b[2])]
+fn dot<F: Copy + Add<Output = F> + Mul<Output = F>>(a: [F; 3], b: [F; 3]) -> F {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[inline(always)]
-fn dot<S: Simd>(simd: S, a: [S::Float; 3], b: [S::Float; 3]) -> S::Float {
-    let first = simd.add(simd.mul(a[0], b[0]), simd.mul(a[1], b[1]));
-    simd.add(first, simd.mul(a[2], b[2]))
-}
-
-#[inline(always)]
-fn cross<S: Simd>(simd: S, a: [S::Float; 3], b: [S::Float; 3]) -> [S::Float; 3] {
+fn cross<F: Copy + Sub<Output = F> + Mul<Output = F>>(a: [F; 3], b: [F; 3]) -> [F; 3] {
     [
-        simd.sub(simd.mul(a[1], b[2]), simd.mul(a[2], b[1])),
-        simd.sub(simd.mul(a[2], b[0]), simd.mul(a[0], b[2])),
-        simd.sub(simd.mul(a[0], b[1]), simd.mul(a[1], b[0])),
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
     ]
 }

@@ -1,11 +1,11 @@
 //! Soft shadows by casting rays: what every faster method is compared with, and what it falls back to.
 
 use super::bvh::Nearest;
-use super::lanes::{LANES, Lanes, Simd, Work};
 use super::packet::{Packet, lanes_of};
 use super::pattern::{Pattern, hash, pcg, unit};
 use super::scene::{Scene, Scratch};
 use crate::emitter::{Emitter, Samples};
+use crate::simd::{LANES, Lanes, Simd, Vector, Work};
 
 /// Shading points are lifted along their geometric normal by this share of their distance to the eye (76
 /// micrometres at 10 m, far below a pixel), more than the rounding of a position; see `triangle.rs` for what
@@ -63,11 +63,11 @@ impl Pending {
 
     /// Traces what is there and adds the weights that arrive.
     #[inline(always)]
-    fn flush<S: Simd>(&mut self, simd: S, query: &Query, scratch: &mut Scratch, arrived: &mut [f32]) {
+    fn flush<V: Vector>(&mut self, vector: V, query: &Query, scratch: &mut Scratch, arrived: &mut [f32]) {
         if self.used > 0 {
             self.packet.prepare();
             let scene = query.scene;
-            scene.trace::<S, false>(simd, query.casters, &mut self.packet, scratch, &mut {
+            scene.trace::<_, false>(vector, query.casters, &mut self.packet, scratch, &mut {
                 Nearest::NONE
             });
             for lane in lanes_of(self.packet.set & !self.packet.hit) {
@@ -133,6 +133,7 @@ impl Work for Visibility<'_, '_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
+        let vector = simd.sixteen();
         let Visibility {
             query,
             points,
@@ -180,14 +181,14 @@ impl Work for Visibility<'_, '_> {
                     let (casters, none) = (query.casters, &mut { Nearest::NONE });
                     query
                         .scene
-                        .trace::<S, false>(simd, casters, &mut packet, &mut scratch, none);
+                        .trace::<_, false>(vector, casters, &mut packet, &mut scratch, none);
                     for lane in lanes_of(rays & !packet.hit) {
                         arrived[lane] += samples.weight[lane];
                     }
                     continue;
                 }
                 if pending.used + rays.count_ones() as usize > LANES {
-                    pending.flush(simd, query, &mut scratch, visibility);
+                    pending.flush(vector, query, &mut scratch, visibility);
                 }
                 for lane in lanes_of(rays) {
                     let direction = samples.direction.map(|d| d[lane]);
@@ -201,7 +202,7 @@ impl Work for Visibility<'_, '_> {
             weight[index] = sent.iter().sum();
             visibility[index] += arrived.iter().sum::<f32>();
         }
-        pending.flush(simd, query, &mut scratch, visibility);
+        pending.flush(vector, query, &mut scratch, visibility);
         for (index, (visibility, weight)) in visibility.iter_mut().zip(weight).enumerate() {
             *visibility = if *weight > 0.0 {
                 (*visibility / *weight).min(1.0)
@@ -227,6 +228,7 @@ impl Work for Screen<'_, '_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
+        let vector = simd.sixteen();
         let Screen {
             query,
             points,
@@ -280,7 +282,7 @@ impl Work for Screen<'_, '_> {
                     continue;
                 }
                 if pending.used == LANES {
-                    pending.flush(simd, query, &mut scratch, &mut arrived);
+                    pending.flush(vector, query, &mut scratch, &mut arrived);
                 }
                 let lane = pending.used;
                 pending
@@ -291,7 +293,7 @@ impl Work for Screen<'_, '_> {
                 pending.used += 1;
             }
         }
-        pending.flush(simd, query, &mut scratch, &mut arrived);
+        pending.flush(vector, query, &mut scratch, &mut arrived);
         for (index, estimate) in estimates.iter_mut().enumerate() {
             *estimate = [0, 1].map(|i| u8::from(arrived[2 * index + i] > 0.0));
         }

@@ -6,10 +6,10 @@ use super::doubt::Around;
 use super::light::{Light, Seen};
 use super::plain::Bits;
 use super::region::{Search, unit};
-use super::simd::{Vector, Work, run_widest};
 use super::tile::{self, Candidates, Open};
 use super::{area, fast, plain};
 use crate::cancel::CancelFlag;
+use crate::simd::{Simd, Work, dispatch};
 use pyo3::PyResult;
 use rayon::prelude::*;
 
@@ -116,7 +116,7 @@ fn evaluate_with(
         .zip(uncertain.par_chunks_mut(chunk));
     chunks.enumerate().for_each(|(number, (visibility, uncertain))| {
         if !cancel.is_set() {
-            run_widest(Chunk {
+            dispatch(Chunk {
                 scene: &scene,
                 start: number * chunk,
                 width,
@@ -139,8 +139,10 @@ struct Chunk<'a> {
 }
 
 impl Work for Chunk<'_> {
+    type Output = ();
+
     #[inline(always)]
-    fn run<V: Vector>(mut self, vector: V) {
+    fn run<S: Simd>(mut self, simd: S) {
         if self.scene.settings.method != Method::Bitmask {
             for (i, (share, doubt)) in self.visibility.iter_mut().zip(self.uncertain).enumerate() {
                 (*share, *doubt) = self.scene.plainly(self.start + i);
@@ -156,10 +158,10 @@ impl Work for Chunk<'_> {
             let right = (left + columns).min(self.width);
             for row in 0..rows {
                 for place in row * self.width + left..(row * self.width + right).min(self.visibility.len()) {
-                    self.start(vector, place, &mut open);
+                    self.start(simd, place, &mut open);
                 }
             }
-            self.finish(vector, &mut open, &mut candidates);
+            self.finish(simd, &mut open, &mut candidates);
         }
     }
 }
@@ -167,7 +169,7 @@ impl Work for Chunk<'_> {
 impl Chunk<'_> {
     /// Decides a point, or adds it to the list of the first map that it reads.
     #[inline(always)]
-    fn start<V: Vector>(&mut self, vector: V, place: usize, open: &mut [Vec<Open>]) {
+    fn start<S: Simd>(&mut self, simd: S, place: usize, open: &mut [Vec<Open>]) {
         let point = self.start + place;
         if let Some(grid) = self.scene.grid
             && let Some(found) = grid.found(&self.scene.points, point)
@@ -175,7 +177,7 @@ impl Chunk<'_> {
             (self.visibility[place], self.uncertain[place]) = found;
             return;
         }
-        match self.scene.start(vector, point) {
+        match self.scene.start(simd, point) {
             Start::Done(share, doubt) => {
                 (self.visibility[place], self.uncertain[place]) = (share, doubt);
             }
@@ -196,11 +198,11 @@ impl Chunk<'_> {
 
     /// Reads the maps for the open points of a tile, smallest window first.
     #[inline(always)]
-    fn finish<V: Vector>(&mut self, vector: V, open: &mut [Vec<Open>], candidates: &mut Candidates) {
+    fn finish<S: Simd>(&mut self, simd: S, open: &mut [Vec<Open>], candidates: &mut Candidates) {
         for (number, served) in self.scene.maps.list.iter().enumerate() {
             let (done, rest) = open.split_at_mut(number + 1);
             let points = &mut done[number];
-            tile::hide(vector, served, self.scene.maps.refinements, points, candidates);
+            tile::hide(simd, served, self.scene.maps.refinements, points, candidates);
             let maps = &self.scene.maps.list;
             let end = points.first().map_or(0, |point| point.maps_end);
             let matters = |&next: &usize| {
@@ -223,7 +225,7 @@ impl Chunk<'_> {
                         .open(seen, next, point.maps_end, point.hidden, point.place);
                     rest[next - number - 1].push(more);
                 } else {
-                    self.visibility[point.place] = tile::resolve(vector, &served.light, &point);
+                    self.visibility[point.place] = tile::resolve(simd.widest(), &served.light, &point);
                 }
             }
         }
@@ -265,7 +267,7 @@ impl Scene<'_> {
     }
 
     #[inline(always)]
-    fn start<V: Vector>(&self, vector: V, point: usize) -> Start {
+    fn start<S: Simd>(&self, simd: S, point: usize) -> Start {
         let Some(chosen) = self.maps.choose(|light| self.see(point, light)) else {
             return Start::Done(1.0, SURE);
         };
@@ -283,14 +285,14 @@ impl Scene<'_> {
         }
         let mut hidden = Bits::default();
         if lowest <= 0.0 {
-            hidden = fast::horizon(vector, seen);
+            hidden = fast::horizon(simd.widest(), seen);
         }
         if highest > 0.0
             && let Some(map) = chosen.map
         {
             Start::Open(chosen.seen, map, hidden)
         } else if lowest <= 0.0 {
-            Start::Done(fast::resolve(vector, chosen.light, seen, &hidden), SURE)
+            Start::Done(fast::resolve(simd.widest(), chosen.light, seen, &hidden), SURE)
         } else {
             Start::Done(1.0, SURE)
         }

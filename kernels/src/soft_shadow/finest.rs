@@ -1,7 +1,7 @@
 //! Level 0 of a map: rise and slope of every texel that was rasterised.
 
 use super::prepare::{BLOCK, BLOCK_TEXELS, EMPTY, Level, Line, pack_tilt};
-use super::simd::{Vector, Work, run_widest};
+use crate::simd::{Simd, Work, dispatch};
 
 /// `depths` (layers, height, width), metres, ascending, infinite where empty.
 pub fn finest(depths: &[f32], [layers, height, width]: [usize; 3], orthographic: bool) -> Level {
@@ -13,7 +13,7 @@ pub fn finest(depths: &[f32], [layers, height, width]: [usize; 3], orthographic:
         orthographic,
     };
     Level::filled(width, height, layers, |first_row, lines| {
-        run_widest(Rows {
+        dispatch(Rows {
             source: &source,
             first_row,
             lines,
@@ -38,8 +38,10 @@ struct Rows<'a, 'b> {
 }
 
 impl Work for Rows<'_, '_> {
+    type Output = ();
+
     #[inline(always)]
-    fn run<V: Vector>(self, _: V) {
+    fn run<S: Simd>(self, _: S) {
         let Source {
             depths,
             layers,

@@ -13,7 +13,6 @@ mod plain;
 mod prepare;
 mod pyramid;
 mod region;
-mod simd;
 mod spread;
 mod tile;
 

@@ -8,8 +8,8 @@
 use super::finest::finest;
 use super::light::Seen;
 use super::pyramid::{self, PyramidLevel};
-use super::simd::{Vector, Work, run_widest};
 use crate::cancel::CancelFlag;
+use crate::simd::{Simd, Work, dispatch};
 use crate::view::View;
 use pyo3::PyResult;
 use rayon::prelude::*;
@@ -96,7 +96,7 @@ impl Level {
                 lines.iter_mut().for_each(|line| line.rise.fill(EMPTY));
             }
             fill(row * BLOCK, &mut lines);
-            run_widest(Around(&mut lines));
+            dispatch(Around(&mut lines));
         });
         level
     }
@@ -113,8 +113,10 @@ pub struct Line<'a> {
 struct Around<'a, 'b>(&'a mut [Line<'b>]);
 
 impl Work for Around<'_, '_> {
+    type Output = ();
+
     #[inline(always)]
-    fn run<V: Vector>(self, _: V) {
+    fn run<S: Simd>(self, _: S) {
         for line in self.0 {
             let texels = line.rise.as_chunks::<BLOCK_TEXELS>().0.iter();
             for (block, rise) in line.blocks.iter_mut().zip(texels) {

@@ -1,7 +1,7 @@
 //! Largest rises over squares of texels, all layers together: how near the light what is in a region may be.
 
 use super::prepare::{BLOCK, BLOCK_TEXELS, Bias, EMPTY, Level, larger, unpack_tilt};
-use super::simd::{Vector, Work, run_widest};
+use crate::simd::{Simd, Work, dispatch};
 use rayon::prelude::*;
 
 /// Largest rise and largest biased rise of each node, over all layers; nodes of level n are 2^n texels wide.
@@ -17,7 +17,7 @@ pub fn build(finest: &Level, layers: usize, orthographic: bool, bias: Bias) -> V
     let mut nearest = vec![[0.0; 2]; width * height];
     let rows = nearest.par_chunks_mut(BLOCK * width).enumerate();
     rows.for_each(|(block_row, nodes)| {
-        run_widest(Nodes {
+        dispatch(Nodes {
             finest,
             layers,
             orthographic,
@@ -48,8 +48,10 @@ struct Nodes<'a> {
 }
 
 impl Work for Nodes<'_> {
+    type Output = ();
+
     #[inline(always)]
-    fn run<V: Vector>(self, _: V) {
+    fn run<S: Simd>(self, _: S) {
         let width = self.finest.width;
         for block_column in 0..self.finest.blocks_x {
             let (mut highest, mut biased) = ([EMPTY; BLOCK_TEXELS], [EMPTY; BLOCK_TEXELS]);

@@ -6,8 +6,8 @@ use super::light::{Light, Seen};
 use super::plain::Bits;
 use super::prepare::{BLOCK, PreparedMap};
 use super::region::{MOST_LEVELS, unit};
-use super::simd::{MOST_LANES, Vector};
 use super::spread::{OwnPlane, Seam, Spread, blocks_around, highest_above};
+use crate::simd::{Eight, LANES, Simd, Vector};
 
 /// A point that the light may be hidden from.
 pub struct Open {
@@ -57,8 +57,8 @@ const MOST_APART: usize = 16;
 
 /// Adds to `hidden` of every point what the map hides outside its inner window.
 #[inline(always)]
-pub fn hide<V: Vector>(
-    vector: V,
+pub fn hide<S: Simd>(
+    simd: S,
     served: &Served,
     refinements: usize,
     points: &mut [Open],
@@ -85,7 +85,7 @@ pub fn hide<V: Vector>(
         }
         if !candidates.which.is_empty() {
             for point in points {
-                candidates.hide(vector, served, point);
+                candidates.hide(simd, served, point);
             }
         }
     }
@@ -220,7 +220,7 @@ impl Candidates {
             }
         }
         // Whole registers, of which the rest never passes.
-        for _ in 0..MOST_LANES {
+        for _ in 0..LANES {
             self.highest.push(f32::NEG_INFINITY);
             self.lowest.push(f32::INFINITY);
             self.from.push(0.0);
@@ -244,39 +244,40 @@ impl Candidates {
     }
 
     #[inline(always)]
-    fn hide<V: Vector>(&self, vector: V, served: &Served, point: &mut Open) {
+    fn hide<S: Simd>(&self, simd: S, served: &Served, point: &mut Open) {
+        let (vector, eight) = (simd.widest(), simd.eight());
         let (seen, map) = (&point.seen, served.map);
         let inner = from_point(&served.inner, [seen.window_x, seen.window_y]);
         let [left, right, bottom, top] = seen.bounds;
         let x = vector.splat((seen.window_x - self.origin[0]) as f32);
         let y = vector.splat((seen.window_y - self.origin[1]) as f32);
         let mut places = [None; MOST_LEVELS];
-        let mut hidden = vector.load_bits(&point.hidden);
-        for first in (0..self.which.len()).step_by(V::LANES) {
-            let from = vector.mul(vector.load(&self.from[first..]), vector.splat(point.unit));
-            let to = vector.mul(vector.load(&self.to[first..]), vector.splat(point.unit));
-            let highest = vector.sub(vector.load(&self.highest[first..]), vector.splat(seen.rise));
-            let lowest = vector.sub(vector.load(&self.lowest[first..]), vector.splat(seen.rise));
+        let mut hidden = eight.load_ints(&point.hidden);
+        for first in (0..self.which.len()).step_by(S::Widest::LANES) {
+            let from = vector.load(&self.from[first..]) * vector.splat(point.unit);
+            let to = vector.load(&self.to[first..]) * vector.splat(point.unit);
+            let highest = vector.load(&self.highest[first..]) - vector.splat(seen.rise);
+            let lowest = vector.load(&self.lowest[first..]) - vector.splat(seen.rise);
             let above = vector.min(highest, to);
             let mut found = vector.greater(highest, from)
                 & !vector.greater(lowest, to)
                 & vector.greater(
-                    vector.mul(vector.splat(right), above),
-                    vector.sub(vector.load(&self.sides[0][first..]), x),
+                    vector.splat(right) * above,
+                    vector.load(&self.sides[0][first..]) - x,
                 )
                 & vector.greater(
-                    vector.sub(vector.load(&self.sides[1][first..]), x),
-                    vector.mul(vector.splat(left), above),
+                    vector.load(&self.sides[1][first..]) - x,
+                    vector.splat(left) * above,
                 )
                 & vector.greater(
-                    vector.mul(vector.splat(top), above),
-                    vector.sub(vector.load(&self.sides[2][first..]), y),
+                    vector.splat(top) * above,
+                    vector.load(&self.sides[2][first..]) - y,
                 )
                 & vector.greater(
-                    vector.sub(vector.load(&self.sides[3][first..]), y),
-                    vector.mul(vector.splat(bottom), above),
+                    vector.load(&self.sides[3][first..]) - y,
+                    vector.splat(bottom) * above,
                 )
-                & V::ALL;
+                & S::Widest::ALL;
             while found != 0 {
                 let lane = found.trailing_zeros() as usize;
                 found &= found - 1;
@@ -286,24 +287,16 @@ impl Candidates {
                     Place::new(map, seen, which.level, from * point.unit, to * point.unit)
                 });
                 let inner = which.seam.then_some(inner);
-                hidden = fast::backproject_block(
-                    vector,
-                    map,
-                    seen,
-                    place,
-                    which.block,
-                    which.corner,
-                    inner,
-                    hidden,
-                );
+                hidden =
+                    fast::backproject_block(simd, map, seen, place, which.block, which.corner, inner, hidden);
                 // In full shadow the nearest layer is mostly enough.
-                if vector.all_set(hidden) {
+                if eight.all_set(hidden) {
                     point.hidden = [u32::MAX; 8];
                     return;
                 }
             }
         }
-        vector.store_bits(hidden, &mut point.hidden);
+        eight.store_ints(hidden, &mut point.hidden);
     }
 }
 

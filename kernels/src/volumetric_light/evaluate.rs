@@ -9,7 +9,7 @@ use super::source::{Profile, Seen, Source};
 use super::spans::{self, MediumMap};
 use super::table::Table;
 use crate::cancel::CancelFlag;
-use crate::rays::lanes::dispatch;
+use crate::simd::dispatch;
 use crate::vector::{cross, dot, length};
 use pyo3::prelude::*;
 use rayon::prelude::*;

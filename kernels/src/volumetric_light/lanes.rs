@@ -13,7 +13,7 @@ pub use open::OpenRow;
 use super::integral::{blurring_scale, gauss_legendre};
 use super::medium::Medium;
 use super::source::{CLOSEST_SHARE, Near, Profile, Seen, Source};
-use crate::rays::lanes::{LANES, Lanes, dispatch};
+use crate::simd::{LANES, Lanes, dispatch};
 use functions::larger;
 use integrate::Integrate;
 

@@ -2,7 +2,7 @@
 
 use super::functions::{exp, further, larger, ln_1p, smaller};
 use super::{Batch, Group, MOST_NODES, NEARBY_WIDTH, OPAQUE, SHAPED_WIDTH, Setup};
-use crate::rays::lanes::{LANES, Lanes, Simd, Work};
+use crate::simd::{LANES, Lanes, Simd, Work};
 use crate::volumetric_light::integral::{PANEL_DEPTH, PANEL_WIDTH};
 use crate::volumetric_light::source::Profile;
 
@@ -21,7 +21,7 @@ const LEAST_SCALE: f32 = 1e-6;
 /// its square would be beyond single precision.
 const MOST_GROWTH: f32 = 1e9;
 
-/// Work for [`dispatch`](crate::rays::lanes::dispatch).
+/// Work for [`dispatch`](crate::simd::dispatch).
 pub struct Integrate<'a> {
     pub setup: &'a Setup,
     pub batch: &'a Batch,

@@ -3,7 +3,7 @@
 use super::Integrate;
 use super::functions::{acos, cos, inverse_root, larger, smaller};
 use super::light::{off_axis, smoothstep};
-use crate::rays::lanes::{LANES, Lanes};
+use crate::simd::{LANES, Lanes};
 
 /// Directions that a light nearby is taken as.
 struct Directions {

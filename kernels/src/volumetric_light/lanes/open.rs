@@ -3,7 +3,7 @@
 use super::functions::{exp, larger, smaller};
 use super::integrate::Integrate;
 use super::{Batch, PER_SPHERE, Setup};
-use crate::rays::lanes::{LANES, Lanes, Simd, Work};
+use crate::simd::{LANES, Lanes, Simd, Work};
 use crate::volumetric_light::rays::Lattice;
 use crate::volumetric_light::source::{CLOSEST, CLOSEST_SHARE, Source};
 
