@@ -27,7 +27,7 @@ class EmitterKind(IntEnum):
 
 @dataclass(frozen=True)
 class Emitter:
-    """Lengths in metres, directions unit, world space. Twin of kernels/src/emitter.rs.
+    """Lengths in metres, directions unit, world space. Twin of kernels/src/emitter/shape.rs.
 
     `half_width` and `half_height` lie along `right` and `up`; both are the radius of a SPHERE or a
     FACING_DISK, and tan(angle / 2) of a DISTANT_DISK. Relative radiance towards a direction d (from the

@@ -210,7 +210,7 @@ class GpuGeometry:
 
 
 def _alpha_kind(cutout: Cutout) -> str:
-    """As kernels/src/geometry.rs `Cutout`."""
+    """As kernels/src/geometry/mesh.rs `Cutout`."""
     if cutout.threshold <= 0.0:
         return "opaque"
     if cutout.texels is not None and cutout.texels.size:

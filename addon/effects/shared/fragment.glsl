@@ -8,7 +8,7 @@ float alpha_at(float column, float row, vec2 size)
   return texelFetch(alpha, min(texel, ivec2(size) - 1), 0).r;
 }
 
-// Bilinear and repeated: kernels/src/geometry.rs `Cutout::sample`.
+// Bilinear and repeated: kernels/src/geometry/mesh.rs `Cutout::sample`.
 float alpha_sample(vec2 at)
 {
   vec2 size = params.alpha.yz;

@@ -1,6 +1,6 @@
 """The truth that a lamp's visibility is scored against: many rays to stratified light samples, in float64.
 
-Written independently of the kernels (kernels/src/emitter.rs, kernels/src/rays): it has its own sampling of
+Written independently of the kernels (kernels/src/emitter, kernels/src/rays): it has its own sampling of
 lights and its own sums, and shares only the intersection of rays with triangles. Tested against closed
 forms in tests/effects/shared/test_visibility_truth.py.
 """

@@ -1,4 +1,4 @@
-// The area of round dots on a square grid of cells, exactly: kernels/src/toon/dots.rs.
+// The area of round dots on a square grid of cells, exactly: kernels/src/effects/toon/dots.rs.
 
 const float MOST_CELLS = 4.0;
 const float PI = 3.14159265358979;

@@ -1,4 +1,4 @@
-// One light's part of what the ramp is looked up with: kernels/src/toon/facing.rs.
+// One light's part of what the ramp is looked up with: kernels/src/effects/toon/facing.rs.
 //
 // Defines: FIRST, where nothing was summed yet; BRIGHTNESS, where the light's irradiance is there to be summed
 // as it is; SHADOWED; LINKED, where the light lights some instances only.

@@ -332,7 +332,7 @@ def outline(device, surface, hull, *lines, view: View, colours, chunk: Chunk):
 
 
 def line_reach(width: int) -> int:
-    """How far lines of this width look around a pixel (kernels/src/toon/edges.rs, `disc`)."""
+    """How far lines of this width look around a pixel (kernels/src/effects/toon/edges.rs, `disc`)."""
     return width // 2 + 1
 
 

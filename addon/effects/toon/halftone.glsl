@@ -1,4 +1,4 @@
-// Paper between halftone dots: kernels/src/toon/halftone.rs. Defines: OBJECT or SURFACE, what dots hold on to.
+// Paper between halftone dots: kernels/src/effects/toon/halftone.rs. Defines: OBJECT or SURFACE, what dots hold on to.
 #include "dots.glsl"
 #include "tables.glsl"
 

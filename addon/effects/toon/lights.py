@@ -24,9 +24,9 @@ def luminance(light: Light) -> float:
 
 @dataclass(frozen=True)
 class ToonLight(Uniforms):
-    """What facing.glsl and kernels/src/toon/facing.rs are told of a light: `centre` relative to the eye;
-    `forward`, where it shines; `kind`; `cone_sharpness`: 1 / width of the cone's blend; `spread_cotangent`,
-    of the half spread, 0 without one."""
+    """What facing.glsl and kernels/src/effects/toon/facing.rs are told of a light: `centre` relative to the
+    eye; `forward`, where it shines; `kind`; `cone_sharpness`: 1 / width of the cone's blend;
+    `spread_cotangent`, of the half spread, 0 without one."""
 
     centre: Three
     weight: float

@@ -1,4 +1,4 @@
-// Inner lines: kernels/src/toon/edges.rs. Defines: OBJECTS, MATERIALS, CREASES, what is looked at.
+// Inner lines: kernels/src/effects/toon/edges.rs. Defines: OBJECTS, MATERIALS, CREASES, what is looked at.
 #include "tables.glsl"
 
 int marked_at(ivec2 pixel)

@@ -12,7 +12,7 @@ from ...core.ramp import Ramp
 from .params import ToonObjectParams, ToonParams
 from .ramp_table import table_of
 
-EXCLUDED, BY_MATERIAL = -2, -1  # kernels/src/toon/shade.rs
+EXCLUDED, BY_MATERIAL = -2, -1  # kernels/src/effects/toon/shade.rs
 NOTHING_OWN = ToonObjectParams()
 
 

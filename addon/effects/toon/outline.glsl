@@ -1,4 +1,4 @@
-// Ink where the hull lies before every surface, and on inner lines: kernels/src/toon/outline.rs. Defines: LINES.
+// Ink where the hull lies before every surface, and on inner lines: kernels/src/effects/toon/outline.rs. Defines: LINES.
 #include "tables.glsl"
 
 const float CONTACT = 1e-6;  // kernels/src/raster/surface.rs

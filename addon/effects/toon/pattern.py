@@ -43,8 +43,8 @@ def _fade(start: float, end: float) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Pattern(Uniforms):
-    """What halftone.glsl is told, and after the anchor kernels/src/toon/halftone.rs. `first`: frame position
-    of the tile's first pixel; `turn`: cosine and sine of the pattern's, over the length of a cell;
+    """What halftone.glsl is told, and after the anchor kernels/src/effects/toon/halftone.rs. `first`: frame
+    position of the tile's first pixel; `turn`: cosine and sine of the pattern's, over the length of a cell;
     `fade_scale` and `fade_end`: see `_fade`; `half_footprint` in pixels; `right` and `up`: steps of a pixel
     in window units along world axes; `orthographic`: 1 or 0."""
 

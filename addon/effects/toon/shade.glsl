@@ -1,4 +1,4 @@
-// The ramp's colour over the material's: kernels/src/toon/shade.rs and ramp.rs.
+// The ramp's colour over the material's: kernels/src/effects/toon/shade.rs and ramp.rs.
 //
 // Defines: BASE, where base colour comes by pixel; BY_INSTANCE, where instances have ramps; RIM.
 #include "tables.glsl"

@@ -14,7 +14,7 @@ from ...core.view import View
 class Lattice:
     """Ray (x, y), from the bottom left, goes through slope (orthographic: metre) first + (origin + (x, y))
     step of the view's plane, counted from the image's own ray. `shown`: the tile's pixel that ray (0, 0) goes
-    through. Twin of kernels/src/volumetric_light/rays.rs."""
+    through. Twin of kernels/src/effects/volumetric_light/rays.rs."""
 
     view: View
     first: tuple[float, float]

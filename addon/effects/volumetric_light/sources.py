@@ -30,7 +30,7 @@ class SourceKind(IntEnum):
 class Source:
     """World space, metres. `radius` softens the inverse square nearby, as a disk (or, `is_sphere`, a sphere)
     of that size does; `share` of the light's intensity or fluence comes from here. Its shadows are the mean
-    of those of the points `eyes`. Twin of kernels/src/volumetric_light/source.rs."""
+    of those of the points `eyes`. Twin of kernels/src/effects/volumetric_light/source.rs."""
 
     kind: SourceKind
     position: Vector

@@ -2,9 +2,9 @@
 
 use super::functions::{exp, further, larger, ln_1p, smaller};
 use super::{Batch, Group, MOST_NODES, NEARBY_WIDTH, OPAQUE, SHAPED_WIDTH, Setup};
+use crate::effects::volumetric_light::integral::{PANEL_DEPTH, PANEL_WIDTH};
+use crate::effects::volumetric_light::source::Profile;
 use crate::simd::{LANES, Lanes, Simd, Work};
-use crate::volumetric_light::integral::{PANEL_DEPTH, PANEL_WIDTH};
-use crate::volumetric_light::source::Profile;
 
 /// Rays that pass a spot within its radius over this see it as many directions. Further away the mean of its
 /// intensity and that of the phase function, each by itself, are within 0.1% of the mean of their product.

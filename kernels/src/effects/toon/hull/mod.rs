@@ -12,8 +12,8 @@ mod round;
 
 pub use python::*;
 
+use crate::geometry::Topology;
 use crate::geometry::{Data, Instance, Mesh};
-use crate::topology::Topology;
 use crate::vector::{Vec3, cross, dot, length, scale, sub};
 use fans::fan_directions;
 use line::{Eye, Place, Width};

@@ -4,7 +4,7 @@ mod python;
 mod sample;
 
 pub use python::register;
-pub use sample::{Samples, SeenEmitter};
+pub use sample::Samples;
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

@@ -1,6 +1,6 @@
 //! How close a point is to a mesh.
 
-use crate::geometry::Mesh;
+use super::Mesh;
 use crate::vector::{Vec3, add, cross, dot, scale, sub};
 use rayon::prelude::*;
 

@@ -3,9 +3,9 @@
 use super::functions::{exp, larger, smaller};
 use super::integrate::Integrate;
 use super::{Batch, PER_SPHERE, Setup};
+use crate::effects::volumetric_light::rays::Lattice;
+use crate::effects::volumetric_light::source::{CLOSEST, CLOSEST_SHARE, Source};
 use crate::simd::{LANES, Lanes, Simd, Work};
-use crate::volumetric_light::rays::Lattice;
-use crate::volumetric_light::source::{CLOSEST, CLOSEST_SHARE, Source};
 
 /// A row of a lattice whose rays all start at one eye, seen by a source that shines evenly and that nothing shadows.
 pub struct OpenRow<'a> {
@@ -125,7 +125,7 @@ impl Work for OpenRow<'_> {
 }
 
 impl Setup {
-    /// [`crate::volumetric_light::integral::distant`] from the rays' starts on; `turn` as `Medium::phase` takes it.
+    /// [`crate::effects::volumetric_light::integral::distant`] from the rays' starts on; `turn` as `Medium::phase` takes it.
     #[inline(always)]
     fn distant(&self, turn: &Lanes, length: &Lanes) -> [Lanes; 3] {
         let mut phase = [0.0; LANES];

@@ -2,7 +2,7 @@
 
 use super::functions::{inverse_root, larger, smaller};
 use super::{Integrate, PER_SPHERE};
-use crate::volumetric_light::source::Profile;
+use crate::effects::volumetric_light::source::Profile;
 
 #[inline(always)]
 pub fn smoothstep(x: f32) -> f32 {
@@ -23,7 +23,7 @@ pub fn off_axis(cosine: f32, sine2: f32) -> f32 {
 impl Integrate<'_> {
     /// A spot's intensity in a direction of this cosine and squared sine, `off` = 1 - cos: [`Seen::intensity`].
     ///
-    /// [`Seen::intensity`]: crate::volumetric_light::source::Seen::intensity
+    /// [`Seen::intensity`]: crate::effects::volumetric_light::source::Seen::intensity
     #[inline(always)]
     fn spot(&self, cosine: f32, off: f32, sine2: f32, filled: f32) -> f32 {
         let cone = self.setup.cone;
@@ -58,7 +58,7 @@ impl Integrate<'_> {
 
     /// 2 over irradiance over intensity: [`Source::falloff`].
     ///
-    /// [`Source::falloff`]: crate::volumetric_light::source::Source::falloff
+    /// [`Source::falloff`]: crate::effects::volumetric_light::source::Source::falloff
     #[inline(always)]
     pub fn spread(&self, distance: f32) -> f32 {
         let r = self.setup.radius;

@@ -1,7 +1,7 @@
 //! Which triangles are one smooth surface around a vertex, and where it faces there.
 
 use super::{SMOOTH_COSINE, unit};
-use crate::topology::Topology;
+use crate::geometry::Topology;
 use crate::vector::{Vec3, add, dot, scale, sub};
 
 /// Groups corners of triangles that are one smooth surface around their vertex.

@@ -2,13 +2,19 @@
 //!
 //! Matrices are composed per eye in float64 and only then rounded, so that 1e7 m away is exact.
 
-use crate::distance::distance;
-use crate::topology::Topology;
-use crate::triangulate::{checked_corners, triangulate};
+mod distance;
+mod rows;
+mod topology;
+mod triangulate;
+
+pub use topology::{Edge, Topology};
+
+use distance::distance;
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::sync::{Arc, OnceLock};
+use triangulate::{checked_corners, triangulate};
 
 /// Triangles in object space. Corners, not vertices, carry normals and uv.
 pub struct Mesh {
@@ -123,7 +129,7 @@ impl Geometry {
     }
 }
 
-fn rows<const N: usize>(array: &PyReadonlyArray2<'_, f32>, what: &str) -> PyResult<Vec<[f32; N]>> {
+fn table<const N: usize>(array: &PyReadonlyArray2<'_, f32>, what: &str) -> PyResult<Vec<[f32; N]>> {
     if array.shape()[1] != N {
         return Err(PyValueError::new_err(format!(
             "{what} has {} columns, not {N}",
@@ -155,12 +161,12 @@ impl SharedMesh {
         corner_uvs: Option<PyReadonlyArray2<'_, f32>>,
         face_slots: Option<PyReadonlyArray1<'_, i32>>,
     ) -> PyResult<Self> {
-        let positions: Vec<[f32; 3]> = rows(&positions, "positions")?;
+        let positions: Vec<[f32; 3]> = table(&positions, "positions")?;
         let corner_vertices = checked_corners(corner_vertices.as_slice()?, positions.len())?;
         let (triangles, faces) = triangulate(&positions, &corner_vertices, face_starts.as_slice()?)
             .map_err(PyValueError::new_err)?;
-        let corner_normals = corner_normals.map_or(Ok(Vec::new()), |a| rows::<3>(&a, "corner_normals"))?;
-        let corner_uvs = corner_uvs.map_or(Ok(Vec::new()), |a| rows::<2>(&a, "corner_uvs"))?;
+        let corner_normals = corner_normals.map_or(Ok(Vec::new()), |a| table::<3>(&a, "corner_normals"))?;
+        let corner_uvs = corner_uvs.map_or(Ok(Vec::new()), |a| table::<2>(&a, "corner_uvs"))?;
         for (what, length) in [
             ("corner_normals", corner_normals.len()),
             ("corner_uvs", corner_uvs.len()),
@@ -320,5 +326,7 @@ impl Geometry {
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<SharedMesh>()?;
-    module.add_class::<Geometry>()
+    module.add_class::<Geometry>()?;
+    triangulate::register(module)?;
+    rows::register(module)
 }

@@ -1,6 +1,6 @@
 //! What of a mesh touches what: vertices welded by position, and edges with the triangles on both sides.
 
-use crate::geometry::Mesh;
+use super::Mesh;
 use rayon::prelude::*;
 
 /// An edge between two welded vertices.

@@ -2,7 +2,7 @@
 
 use super::fans::Directions;
 use super::{Builder, unit};
-use crate::topology::{Edge, Topology};
+use crate::geometry::{Edge, Topology};
 use crate::vector::{Vec3, add, cross, dot, scale, sub};
 use std::f64::consts::PI;
 

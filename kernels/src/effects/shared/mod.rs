@@ -1,0 +1,11 @@
+//! Steps of no one effect.
+
+mod composite;
+mod irradiance;
+
+use pyo3::prelude::*;
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    composite::register(module)?;
+    irradiance::register(module)
+}
