@@ -267,7 +267,6 @@ def bad_calls():
         (surface(attributes=["colour"]), "colour"),
         (surface(jitter=(np.nan, 0.0)), "finite"),
         (surface(jitter=(0.0, -65.0)), "64 pixels"),
-        (lambda: kernels.min_pyramid(np.zeros((0, 4), np.float32)), "empty"),
     ]
 
 
@@ -279,20 +278,3 @@ def test_bad_input_is_refused(call, message):
 
 def test_empty_geometry_is_empty():
     assert np.isinf(layered(kernels.Geometry(), down(), 2, 5, 3)).all()
-
-
-# The pyramid
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (8, 8), (13, 7), (1, 9), (64, 3)])
-def test_min_pyramid(shape):
-    depth = np.random.default_rng(1).random(shape).astype(np.float32)
-    depth[depth > 0.8] = np.inf
-    levels = kernels.min_pyramid(depth)
-    np.testing.assert_array_equal(levels[0], depth)
-    assert levels[-1].shape == (1, 1)
-    for i, level in enumerate(levels):
-        side = 1 << i
-        assert level.shape == (-(-shape[0] // side), -(-shape[1] // side))
-        for y, x in np.ndindex(level.shape):
-            assert level[y, x] == depth[y * side : (y + 1) * side, x * side : (x + 1) * side].min()

@@ -10,7 +10,6 @@ mod clip;
 mod edge;
 mod hit;
 mod layers;
-mod pyramid;
 mod setup;
 mod shade;
 mod surface;
@@ -25,7 +24,7 @@ use hit::Finder;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList};
+use pyo3::types::PyDict;
 use shade::Images;
 use std::sync::Arc;
 
@@ -261,28 +260,8 @@ fn layered_depth<'py>(
         .into_any())
 }
 
-/// The minimum pyramid of a depth map, (h, w) f32: a list whose item i is level i, of size ceil(h / 2^i) x
-/// ceil(w / 2^i). Item 0 is `depth` itself, each texel above the minimum of the up to four below it, the last
-/// level one texel. Texel (x, y) of level i covers texels (x << i, y << i) on. Raises ValueError on an empty map.
-#[pyfunction]
-fn min_pyramid<'py>(py: Python<'py>, depth: PyReadonlyArray2<'py, f32>) -> PyResult<Bound<'py, PyList>> {
-    let [height, width] = [depth.shape()[0], depth.shape()[1]];
-    if width == 0 || height == 0 {
-        return Err(PyValueError::new_err("an empty map has no pyramid"));
-    }
-    let map = depth.as_slice()?;
-    let levels = py.detach(|| pyramid::min_pyramid(width, height, map));
-    let list = PyList::empty(py);
-    list.append(&*depth)?;
-    for (width, height, values) in levels {
-        list.append(PyArray1::from_vec(py, values).reshape([height, width])?)?;
-    }
-    Ok(list)
-}
-
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(raster_surface, module)?)?;
     module.add_function(wrap_pyfunction!(raster_before, module)?)?;
-    module.add_function(wrap_pyfunction!(layered_depth, module)?)?;
-    module.add_function(wrap_pyfunction!(min_pyramid, module)?)
+    module.add_function(wrap_pyfunction!(layered_depth, module)?)
 }
