@@ -1,7 +1,10 @@
 //! CPU twins of Strata's effect steps, called from `addon/devices/cpu.py` and from nowhere else.
 //!
-//! Every entry validates its arrays at the border, releases the GIL while it
-//! works, gives the same bits whatever the number of threads, and polls a [`cancel::CancelFlag`] per tile.
+//! Ranks from below: the files of this folder and `simd`; `geometry` and `emitter`; `raster` and `rays`; `effects`, a folder
+//! each. No module uses one that uses it (tests/kernels/test_kernel_ranks.py).
+//!
+//! Every entry validates its arrays at the border, releases the GIL while it works, gives the same bits whatever the
+//! number of threads, and polls a [`cancel::CancelFlag`] per tile.
 
 mod cancel;
 mod effects;

@@ -35,3 +35,9 @@ pub fn scale(a: Vec3, s: f64) -> Vec3 {
 pub fn length(a: Vec3) -> f64 {
     dot(a, a).sqrt()
 }
+
+/// None where it is too short, or too long, to have a direction.
+pub fn unit(a: Vec3) -> Option<Vec3> {
+    let length = length(a);
+    (length > 1e-150 && length.is_finite()).then(|| scale(a, 1.0 / length))
+}

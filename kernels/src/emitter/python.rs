@@ -1,6 +1,7 @@
 //! Samples of a light from Python, for tests.
 
-use super::{Emitter, Samples};
+use super::sample::Samples;
+use super::shape::Emitter;
 use crate::simd::LANES;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;

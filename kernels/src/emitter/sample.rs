@@ -2,7 +2,7 @@
 
 #![allow(clippy::needless_range_loop)] // a lane is the same index in several arrays
 
-use super::{Emitter, EmitterKind};
+use super::shape::{Emitter, EmitterKind};
 use crate::simd::{LANES, Lanes};
 use crate::vector::{dot, length};
 use std::f32::consts::FRAC_PI_4;

@@ -1,6 +1,6 @@
 //! How close a point is to a mesh.
 
-use super::Mesh;
+use super::mesh::Mesh;
 use crate::vector::{Vec3, add, cross, dot, scale, sub};
 use rayon::prelude::*;
 

@@ -1,6 +1,5 @@
 //! What of a mesh touches what: vertices welded by position, and edges with the triangles on both sides.
 
-use super::Mesh;
 use rayon::prelude::*;
 
 /// An edge between two welded vertices.
@@ -21,11 +20,11 @@ pub struct Topology {
 }
 
 /// Positions that are equal number by number (0 and -0 too) become one vertex.
-fn weld(mesh: &Mesh) -> (Vec<u32>, Vec<u32>) {
-    let key = |vertex: u32| mesh.positions[vertex as usize].map(|x| (x + 0.0).to_bits());
-    let mut order: Vec<([u32; 3], u32)> = (0..mesh.positions.len() as u32).map(|v| (key(v), v)).collect();
+fn weld(positions: &[[f32; 3]]) -> (Vec<u32>, Vec<u32>) {
+    let key = |vertex: u32| positions[vertex as usize].map(|x| (x + 0.0).to_bits());
+    let mut order: Vec<([u32; 3], u32)> = (0..positions.len() as u32).map(|v| (key(v), v)).collect();
     order.par_sort_unstable();
-    let mut welded = vec![0; mesh.positions.len()];
+    let mut welded = vec![0; positions.len()];
     let mut vertices = Vec::new();
     let mut last = None;
     for (position, vertex) in order {
@@ -39,10 +38,11 @@ fn weld(mesh: &Mesh) -> (Vec<u32>, Vec<u32>) {
 }
 
 impl Topology {
-    pub fn of(mesh: &Mesh) -> Self {
-        let (welded, vertices) = weld(mesh);
-        let corner = |corner: u32| welded[mesh.corner_vertices[corner as usize] as usize];
-        let corners: Vec<[u32; 3]> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
+    /// Of the triangles of a [`Mesh`](super::mesh::Mesh), which says what the arrays are.
+    pub fn of(positions: &[[f32; 3]], corner_vertices: &[u32], triangles: &[[u32; 3]]) -> Self {
+        let (welded, vertices) = weld(positions);
+        let corner = |corner: u32| welded[corner_vertices[corner as usize] as usize];
+        let corners: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(corner)).collect();
         let mut sides: Vec<(u64, u32, u8)> = Vec::with_capacity(3 * corners.len());
         for (triangle, ends) in corners.iter().enumerate() {
             // A triangle that welding folded up joins its neighbours by not being there.

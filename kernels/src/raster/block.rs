@@ -1,6 +1,6 @@
 //! Blocks of 4 x 2 pixels, which are drawn together.
 
-use super::bins::TILE;
+use super::grid::TILE;
 
 pub const BLOCK_WIDTH: usize = 4;
 pub const BLOCK_HEIGHT: usize = 2;

@@ -1,15 +1,11 @@
 //! Where a view's pixels are, and how an instance gets into the view.
 
-use super::hit::{Pixels, WIDE, Wide3};
+use super::grid::SUBPIXELS;
+use super::wide::{Pixels, WIDE, Wide3};
 use crate::vector::{Vec3, add, cross, dot, scale, sub};
 use crate::view::View;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-
-/// Fractional bits of a snapped vertex: positions on the image are whole 1/256 pixels, so that edge
-/// functions are exact integers and a shared edge can neither leak nor cover a pixel twice.
-pub const SUBPIXEL_BITS: u32 = 8;
-pub const SUBPIXELS: i32 = 1 << SUBPIXEL_BITS;
 
 /// Triangles are clipped this far outside the image (in pixels), which bounds the edge functions.
 const GUARD_PIXELS: f64 = 16384.0;

@@ -1,7 +1,6 @@
 //! Exact edge functions over whole pixels.
 
-use super::bins::TILE;
-use super::camera::SUBPIXEL_BITS;
+use super::grid::{SUBPIXEL_BITS, TILE};
 use std::ops::{Mul, Shr, Sub};
 
 /// One edge's half plane over whole pixels: inside where `at + dx * x + dy * y >= 0`.

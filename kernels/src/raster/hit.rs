@@ -1,7 +1,8 @@
 //! Where in a triangle a pixel's ray lands, in double precision, and what is there.
 
-use super::block::{BLOCK_WIDTH, Block};
+use super::block::Block;
 use super::camera::{Camera, Ray, Transform, winding_normal};
+use super::wide::{Pixels, WIDE, Wide, Wide3, lane, wide, wide_dot};
 use crate::geometry::{Data, Instance, Mesh};
 use crate::vector::{Vec3, add, cross, dot, scale, sub};
 
@@ -122,59 +123,6 @@ fn meeting(camera: &Camera, corner: Vec3, [a, b]: [Vec3; 2]) -> [Vec3; 3] {
         let through = |of: Vec3| linear(dot(forward, of), of);
         [cross(corner, b), cross(a, corner), cross(b, a)].map(through)
     }
-}
-
-/// Pixels of a row that are worked out at once: as many as an AVX2 register holds in double precision.
-pub const WIDE: usize = BLOCK_WIDTH;
-
-/// One number a pixel, and vectors of them by axis.
-pub type Wide = [f64; WIDE];
-pub type Wide3 = [Wide; 3];
-
-/// Neighbouring pixels of a row; what is `wanted` of them, the others may be anything.
-#[derive(Clone, Copy)]
-pub struct Pixels {
-    first: [i32; 2],
-    /// Column of each, and their row.
-    x: Wide,
-    y: f64,
-    wanted: [bool; WIDE],
-}
-
-impl Pixels {
-    /// From pixel `first` on to the right.
-    #[inline(always)]
-    pub fn new(first: [i32; 2], wanted: [bool; WIDE]) -> Self {
-        Pixels {
-            first,
-            x: std::array::from_fn(|l| f64::from(first[0] + l as i32)),
-            y: f64::from(first[1]),
-            wanted,
-        }
-    }
-
-    /// What is affine over the image: its value at the corner, its change from column to column and from row to row.
-    #[inline(always)]
-    pub fn affine(&self, [at, dx, dy]: Vec3) -> Wide {
-        wide(|l| at + dx * self.x[l] + dy * self.y)
-    }
-}
-
-#[inline(always)]
-fn wide(of: impl Fn(usize) -> f64) -> Wide {
-    std::array::from_fn(of)
-}
-
-/// The product with a vector that all pixels share.
-#[inline(always)]
-pub fn wide_dot(a: Vec3, b: &Wide3) -> Wide {
-    wide(|l| a[0] * b[0][l] + a[1] * b[1][l] + a[2] * b[2][l])
-}
-
-/// A pixel's vector.
-#[inline(always)]
-fn lane(v: &Wide3, l: usize) -> Vec3 {
-    [v[0][l], v[1][l], v[2][l]]
 }
 
 impl Hit<'_> {

@@ -1,7 +1,8 @@
 //! The nearest depths of every texel, in one pass: a k-buffer a tile, owned by one task.
 
-use super::bins::{Bins, TILE};
+use super::bins::Bins;
 use super::block::{BLOCK_PIXELS, BLOCK_WIDTH, BLOCKS, Block, quarter};
+use super::grid::TILE;
 use super::hit::Finder;
 use super::tile::{Sink, draw_tile};
 use crate::cancel::CancelFlag;

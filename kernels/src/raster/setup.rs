@@ -1,15 +1,13 @@
 //! Triangle setup: an object-space triangle becomes a convex outline on the image and an affine depth.
 
-use super::bins::{Grid, Pixels};
-use super::camera::{Camera, MARGIN_PIXELS, SUBPIXELS};
+use super::camera::{Camera, MARGIN_PIXELS};
 use super::clip::{MAX_CORNERS, clip};
+use super::grid::{Grid, Pixels, Point, SUBPIXELS};
 use crate::vector::{Vec3, dot, sub};
 
 /// Sines of corner angles below this are taken for zero area. Triangles with float32 corners are either
 /// exactly flat or well above; products of double rounding (a singular matrix) are well below.
 const FLAT_SINE_SQUARED: f64 = 1e-24;
-
-pub type Point = [i32; 2];
 
 /// The plane of a triangle as seen in the image: `at + dx * x + dy * y` is 1 / depth (perspective) or depth
 /// (orthographic) at pixel (x, y). Taken from the unsnapped triangle, so depths are those of the
@@ -35,7 +33,7 @@ impl Plane {
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Triangle {
-    /// Counter-clockwise (y up), in subpixels; pixel centres are at whole multiples of [`super::camera::SUBPIXELS`].
+    /// Counter-clockwise (y up), in subpixels; pixel centres are at whole multiples of [`SUBPIXELS`].
     pub points: [Point; 3],
     pub plane: Plane,
     /// Index of the triangle over all instances.

@@ -1,8 +1,9 @@
 //! What is seen at the pixels of an image, written to the arrays that are asked for.
 
-use super::bins::Bins;
 use super::camera::Camera;
-use super::hit::{Hit, Pixels, WIDE, wide_dot};
+use super::grid::Grid;
+use super::hit::Hit;
+use super::wide::{Pixels, WIDE, wide_dot};
 use std::ops::Range;
 
 /// Arrays to fill, row-major over the wanted rows; None is not wanted and costs nothing.
@@ -23,8 +24,7 @@ pub type Images = Attributes<Vec<[f32; 3]>, Vec<[f32; 2]>, Vec<f32>, Vec<i32>>;
 pub type Row<'a> = Attributes<&'a mut [[f32; 3]], &'a mut [[f32; 2]], &'a mut [f32], &'a mut [i32]>;
 
 /// One tile's part of every row.
-pub fn split<'a>(images: &'a mut Images, bins: &Bins) -> Vec<Vec<Row<'a>>> {
-    let grid = bins.grid;
+pub fn split<'a>(images: &'a mut Images, grid: Grid) -> Vec<Vec<Row<'a>>> {
     let mut tiles: Vec<Vec<Row>> = Vec::new();
     for tile in 0..grid.count() {
         let [_, rows] = grid.extent(tile);

@@ -148,7 +148,7 @@ impl Work for ShadeTile<'_, '_> {
 
 /// Fills the wanted attributes of the grid's rows.
 pub fn surface(bins: &Bins, finder: &Finder, images: &mut Images, cancel: &CancelFlag) -> PyResult<()> {
-    let tiles = split(images, bins).into_par_iter().enumerate();
+    let tiles = split(images, bins.grid).into_par_iter().enumerate();
     tiles.try_for_each_init(Visibility::new, |visibility, (tile, mut rows)| {
         cancel.check()?;
         visibility.clear();
@@ -176,7 +176,7 @@ pub fn before(bins: &Bins, finder: &Finder, depths: &[f32], cancel: &CancelFlag)
         object_id: Some(vec![-1; depths.len()]),
         ..Images::default()
     };
-    let tiles = split(&mut images, bins).into_par_iter().enumerate();
+    let tiles = split(&mut images, bins.grid).into_par_iter().enumerate();
     tiles.try_for_each_init(Visibility::new, |visibility, (tile, mut parts)| {
         cancel.check()?;
         if bins.is_empty(tile) {

@@ -1,12 +1,12 @@
 //! Drawing a tile: coverage and depth in blocks of 4 x 2 pixels.
 
-use super::bins::{Bins, Item, TILE};
+use super::bins::{Bins, Item};
 use super::block::{BLOCK_HEIGHT, BLOCK_PIXELS, BLOCK_WIDTH, BLOCKS_ACROSS, Block};
-use super::camera::{SUBPIXEL_BITS, SUBPIXELS};
 use super::clip::MAX_CORNERS;
 use super::edge::{Edge, edge};
+use super::grid::{Point, SUBPIXEL_BITS, SUBPIXELS, TILE};
 use super::hit::Finder;
-use super::setup::{Plane, Point, Triangle};
+use super::setup::{Plane, Triangle};
 use crate::simd::Eight;
 use std::ops::Range;
 

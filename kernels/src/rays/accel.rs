@@ -1,9 +1,10 @@
 //! Rays from Python: the tree as a class, and its queries.
 
+use super::arguments::{CHUNK, Flag, Floats, bytes, in_parallel, three, triples};
 use super::bvh::Nearest;
 use super::packet::Packet;
-use super::scene::{Scene, Scratch};
-use super::{CHUNK, Flag, Floats, bytes, in_parallel, three, triples};
+use super::scene::Scene;
+use super::trace::Scratch;
 use crate::geometry::Geometry;
 use crate::simd::{LANES, Simd, Work, dispatch};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2};

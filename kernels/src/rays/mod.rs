@@ -6,20 +6,22 @@
 #![allow(clippy::needless_range_loop)] // a lane is the same index in several arrays
 
 mod accel;
+mod arguments;
 mod bvh;
 mod leaves;
 mod packet;
 mod pattern;
 mod scene;
 mod towards;
+mod trace;
 mod triangle;
 mod visibility;
 
-use crate::cancel::CancelFlag;
 use crate::emitter::Emitter;
 use crate::simd::dispatch;
 use accel::Accel;
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use arguments::{CHUNK, Flag, Floats, bytes, in_parallel, three, triples};
+use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pattern::Pattern;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -27,54 +29,8 @@ use rayon::prelude::*;
 use scene::Scene;
 use visibility::{Points, Query, Screen, Visibility};
 
-/// Rays or points that one task handles between two looks at the cancel flag.
-const CHUNK: usize = 512;
 /// Of the light's samples, as many candidates to draw one from; see [`ray_screen`].
 const CANDIDATES: usize = 64;
-
-type Floats<'py> = Bound<'py, PyArray1<f32>>;
-type Flag<'py> = Option<PyRef<'py, CancelFlag>>;
-
-fn triples<'a>(array: &'a PyReadonlyArray2<'_, f32>, rows: usize, what: &str) -> PyResult<&'a [[f32; 3]]> {
-    let slice = array.as_slice()?;
-    if slice.len() != 3 * rows || array.as_array().ncols() != 3 {
-        return Err(PyValueError::new_err(format!(
-            "{what} is ({rows}, 3), not this shape"
-        )));
-    }
-    Ok(slice.as_chunks::<3>().0)
-}
-
-fn three(values: &PyReadonlyArray1<'_, f64>, what: &str) -> PyResult<[f64; 3]> {
-    match *values.as_slice()? {
-        [x, y, z] if x.is_finite() && y.is_finite() && z.is_finite() => Ok([x, y, z]),
-        _ => Err(PyValueError::new_err(format!("{what} is three finite numbers"))),
-    }
-}
-
-fn bytes<'a>(casters: &'a Option<PyReadonlyArray1<'_, u8>>, instances: usize) -> PyResult<&'a [u8]> {
-    match casters {
-        None => Ok(&[]),
-        Some(array) if array.len()? == instances => Ok(array.as_slice()?),
-        Some(_) => Err(PyValueError::new_err(format!(
-            "casters has one entry for each of the {instances} instances"
-        ))),
-    }
-}
-
-/// Runs `work` on each index of chunks in parallel, until the flag is raised.
-fn in_parallel<T: Send>(
-    chunks: impl IndexedParallelIterator<Item = T>,
-    cancel: &Option<CancelFlag>,
-    work: impl Fn(usize, T) + Sync,
-) -> PyResult<()> {
-    chunks.enumerate().for_each(|(index, chunk)| {
-        if !cancel.as_ref().is_some_and(CancelFlag::is_set) {
-            work(index, chunk);
-        }
-    });
-    cancel.as_ref().map_or(Ok(()), CancelFlag::check)
-}
 
 /// What `ray_visibility` and `ray_screen` have in common, checked.
 struct Request<'a> {
@@ -141,7 +97,7 @@ impl<'a> Request<'a> {
     }
 }
 
-/// Soft shadow by `samples` rays a point, well-spread light samples weighted by what they would bring: returns
+/// Visibility by `samples` rays a point, to well-spread light samples weighted by what they would bring: returns
 /// visibility (N,) f32, 1 where no light could arrive, and weight (N,) f32, the unshadowed irradiance at radiance 1.
 ///
 /// `casters` (instances,) u8 or None; `emitter` (18,) f64 packed; `eye` (3,) f64, the world position that `position`

@@ -1,11 +1,10 @@
 //! Geometry prepared for rays: one tree over everything that was flattened, and a tree of instances.
 
-use super::bvh::{Bounds, Built, Bvh, Nearest, Stack};
-use super::leaves::{InInstances, InTriangles};
-use super::packet::{Packet, WIDENING};
+use super::bvh::{Bounds, Built, Bvh};
+use super::packet::WIDENING;
 use super::triangle::{Block, Triangle};
 use crate::geometry::{Data, Instance, Mesh};
-use crate::simd::{LANES, Vector};
+use crate::simd::LANES;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
@@ -60,10 +59,10 @@ pub struct Placed {
 pub struct Scene {
     pub origin: [f64; 3],
     pub data: Arc<Data>,
-    flat: Triangles,
+    pub flat: Triangles,
     pub trees: Vec<Triangles>,
     pub placed: Vec<Placed>,
-    top: Bvh,
+    pub top: Bvh,
 }
 
 /// The upper three rows, row-major.
@@ -99,13 +98,6 @@ fn inverted(m: &Matrix) -> Option<Matrix> {
         result[row][3] = -(result[row][0] * m[0][3] + result[row][1] * m[1][3] + result[row][2] * m[2][3]);
     }
     Some(result)
-}
-
-/// Stacks of the walks, kept from packet to packet.
-#[derive(Default)]
-pub struct Scratch {
-    outer: Stack,
-    inner: Stack,
 }
 
 fn is_cut_out(data: &Data, instance: &Instance) -> bool {
@@ -225,58 +217,6 @@ impl Scene {
 
     pub fn placed_count(&self) -> usize {
         self.placed.len()
-    }
-
-    /// Traces a prepared packet: rays that meet something are marked in `packet.hit`, or with `NEAREST` end at
-    /// their nearest hit, which is written to `nearest`. `casters` as in [`Scene::build`].
-    #[inline(always)]
-    pub fn trace<V: Vector, const NEAREST: bool>(
-        &self,
-        vector: V,
-        casters: &[u8],
-        packet: &mut Packet,
-        scratch: &mut Scratch,
-        nearest: &mut Nearest,
-    ) {
-        if packet.shared {
-            self.walk::<V, true, NEAREST>(vector, casters, packet, scratch, nearest);
-        } else {
-            self.walk::<V, false, NEAREST>(vector, casters, packet, scratch, nearest);
-        }
-    }
-
-    #[inline(always)]
-    fn walk<V: Vector, const SHARED: bool, const NEAREST: bool>(
-        &self,
-        vector: V,
-        casters: &[u8],
-        packet: &mut Packet,
-        scratch: &mut Scratch,
-        nearest: &mut Nearest,
-    ) {
-        let Scratch { outer, inner } = scratch;
-        let rays = packet.set;
-        let mut flat = InTriangles::<SHARED, NEAREST> {
-            scene: self,
-            blocks: &self.flat.blocks,
-            instance: None,
-            casters,
-            nearest,
-        };
-        self.flat
-            .bvh
-            .walk::<V, SHARED>(vector, packet, rays, outer, &mut flat);
-        let rays = rays & !packet.hit;
-        if !self.placed.is_empty() && rays != 0 {
-            let mut placed = InInstances::<SHARED, NEAREST> {
-                scene: self,
-                casters,
-                nearest,
-                stack: inner,
-            };
-            self.top
-                .walk::<V, SHARED>(vector, packet, rays, outer, &mut placed);
-        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Whether points see a place, a ray each: hard shadows, without a map.
 
 use super::accel::{Accel, Rays};
-use super::{CHUNK, Flag, bytes, in_parallel, three};
+use super::arguments::{CHUNK, Flag, bytes, in_parallel, three};
 use crate::simd::{LANES, dispatch};
 use numpy::{
     IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray3, PyUntypedArrayMethods,

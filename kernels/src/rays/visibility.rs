@@ -1,9 +1,10 @@
-//! Soft shadows by casting rays: what every faster method is compared with, and what it falls back to.
+//! Visibility of lights by casting rays: what every faster method is compared with, and what it falls back to.
 
 use super::bvh::Nearest;
 use super::packet::{Packet, lanes_of};
 use super::pattern::{Pattern, hash, pcg, unit};
-use super::scene::{Scene, Scratch};
+use super::scene::Scene;
+use super::trace::Scratch;
 use crate::emitter::{Emitter, Samples};
 use crate::simd::{LANES, Lanes, Simd, Vector, Work};
 

@@ -1,10 +1,11 @@
 //! The thesis's own method: clamped areas of backprojected texels, summed (section 5.3.5 and its listing).
 
-use super::choose::{Served, from_point};
+use super::choose::Served;
+use super::level::{EMPTY, unpack_tilt};
 use super::light::Seen;
 use super::plain::clears_own_surface;
-use super::prepare::{EMPTY, unpack_tilt};
 use super::region::Region;
+use super::window::from_point;
 
 /// The sum over texels of the share of the light that the farthest occluding layer covers; overlaps count twice.
 /// The last stored depth only serves as the next one of the layer before it. What of a texel lies in the window

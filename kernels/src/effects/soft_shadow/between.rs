@@ -1,13 +1,9 @@
 //! Points between evaluated ones: where surface and shadow are smooth, visibility is interpolated.
 
-use super::evaluate::Points;
+use super::points::Points;
 
 /// Widest range of the visibilities that are interpolated between.
 const WIDEST: f32 = 0.1;
-/// Least cosine between the normals of one smooth surface.
-const ALIKE: f32 = 0.99;
-/// How far, as a share of its distance, a point of the same surface may be from the tangent plane.
-const FLAT: f32 = 0.02;
 
 /// Every `spacing`-th point of every `spacing`-th row of an image, packed, with what was found there.
 pub struct Grid {
@@ -66,19 +62,5 @@ impl Grid {
             }
         }
         (high - low <= WIDEST).then_some(sum)
-    }
-}
-
-impl Points<'_> {
-    /// Whether two points lie on one smooth surface, as far as their normals tell.
-    fn on_one_surface(&self, a: usize, b: usize) -> bool {
-        let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        let normal = self.geometric_normal[a];
-        let way: [f32; 3] = std::array::from_fn(|c| self.position[b][c] - self.position[a][c]);
-        let off = dot(normal, way);
-        // Written so that a NaN is no surface.
-        dot(normal, self.geometric_normal[b]) >= ALIKE
-            && dot(self.shading_normal[a], self.shading_normal[b]) >= ALIKE
-            && off * off <= FLAT * FLAT * dot(way, way)
     }
 }

@@ -3,10 +3,11 @@
 use super::between::{Grid, thinned};
 use super::choose::{Chosen, Maps};
 use super::doubt::Around;
-use super::light::{Light, Seen};
-use super::plain::Bits;
+use super::light::{Bits, Light, Seen};
+use super::open::Open;
+use super::points::Points;
 use super::region::{Search, unit};
-use super::tile::{self, Candidates, Open};
+use super::tile::{self, Candidates};
 use super::{area, fast, plain};
 use crate::cancel::CancelFlag;
 use crate::simd::{Simd, Work, dispatch};
@@ -31,16 +32,6 @@ pub struct Settings {
     pub leave_edges: bool,
     /// Of an image, every so many-th point each way is evaluated, others only where that does not tell them.
     pub spacing: usize,
-}
-
-/// Shading points as the surface step makes them, row by row.
-#[derive(Clone, Copy)]
-pub struct Points<'a> {
-    pub position: &'a [[f32; 3]],
-    pub geometric_normal: &'a [[f32; 3]],
-    pub shading_normal: &'a [[f32; 3]],
-    /// Points in a row; all of them if they are no image.
-    pub width: usize,
 }
 
 /// Rows of an image that a thread takes at a time, and columns and rows that share their candidates.

@@ -1,9 +1,10 @@
 //! The bitmask method, a register of texels or samples at a time. Hides the same samples as `plain.rs`.
 
-use super::choose::Window;
-use super::light::{Light, RIM, SAMPLE_ROWS, SAMPLES, Seen};
-use super::plain::{Bits, LOWEST_EDGE, OWN_SURFACE};
-use super::prepare::{BLOCK, BLOCK_TEXELS, PreparedMap};
+use super::level::{BLOCK, BLOCK_TEXELS};
+use super::light::{Bits, Light, RIM, SAMPLE_ROWS, SAMPLES, Seen};
+use super::plain::{LOWEST_EDGE, OWN_SURFACE};
+use super::prepare::PreparedMap;
+use super::window::Window;
 use crate::emitter::EmitterKind;
 use crate::simd::{Eight, LANES, Simd, Vector};
 

@@ -1,6 +1,6 @@
 //! Level 0 of a map: rise and slope of every texel that was rasterised.
 
-use super::prepare::{BLOCK, BLOCK_TEXELS, EMPTY, Level, Line, pack_tilt};
+use super::level::{BLOCK, BLOCK_TEXELS, EMPTY, Level, Line, pack_tilt};
 use crate::simd::{Simd, Work, dispatch};
 
 /// `depths` (layers, height, width), metres, ascending, infinite where empty.

@@ -11,6 +11,9 @@ use crate::view::View;
 
 pub const SAMPLES: usize = 256;
 
+/// One bit a light sample; set: hidden.
+pub type Bits = [u32; SAMPLES / 32];
+
 /// Row of the sample in each of the 256 columns, so that rows and columns are distinct. Made by
 /// `scripts/build/light_samples.py`, which says how good it is; twin of samples.glsl.
 #[rustfmt::skip]
@@ -65,7 +68,7 @@ pub struct Light {
 /// The light as one shading point sees it, in view axes.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
-    /// Where the point projects, in window units, and its rise (see `prepare.rs`).
+    /// Where the point projects, in window units, and its rise (see `level.rs`).
     pub window_x: f64,
     pub window_y: f64,
     pub rise: f32,

@@ -8,24 +8,30 @@ mod doubt;
 mod evaluate;
 mod fast;
 mod finest;
+mod level;
 mod light;
+mod open;
 mod plain;
+mod points;
 mod prepare;
 mod pyramid;
 mod region;
 mod spread;
 mod tile;
+mod window;
 
 use crate::cancel::CancelFlag;
 use crate::emitter::Emitter;
 use crate::view::View;
 use choose::{Beside, Maps};
-use evaluate::{Method, Points, Settings};
+use evaluate::{Method, Settings};
+use level::Bias;
 use numpy::{
     IntoPyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
     PyReadonlyArrayDyn, PyUntypedArrayMethods,
 };
-use prepare::{Bias, PreparedMap};
+use points::Points;
+use prepare::PreparedMap;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::sync::Arc;

@@ -1,12 +1,10 @@
 //! The bitmask method, one texel at a time: the model of the shader and the oracle of `fast.rs`.
 
-use super::choose::{Served, from_point};
-use super::light::{Light, SAMPLE_ROWS, SAMPLES, Seen, dot};
-use super::prepare::unpack_tilt;
+use super::choose::Served;
+use super::level::unpack_tilt;
+use super::light::{Bits, Light, SAMPLE_ROWS, SAMPLES, Seen, dot};
 use super::region::Region;
-
-/// One bit a light sample; set: hidden.
-pub type Bits = [u32; SAMPLES / 32];
+use super::window::from_point;
 
 /// Sine of the elevation, about, below which a texel belongs to the point's own surface.
 pub const OWN_SURFACE: f32 = 0.01;

@@ -1,6 +1,6 @@
 //! Largest rises over squares of texels, all layers together: how near the light what is in a region may be.
 
-use super::prepare::{BLOCK, BLOCK_TEXELS, Bias, EMPTY, Level, larger, unpack_tilt};
+use super::level::{BLOCK, BLOCK_TEXELS, Bias, EMPTY, Level, larger, unpack_tilt};
 use crate::simd::{Simd, Work, dispatch};
 use rayon::prelude::*;
 

@@ -2,7 +2,6 @@
 
 use super::light::Seen;
 use super::prepare::PreparedMap;
-use super::tile::band;
 
 /// Columns `x0..x1` and rows `y0..y1` of a level of the map.
 #[derive(Clone, Copy, Debug, Default)]
@@ -169,4 +168,21 @@ pub fn unit(seen: &Seen, max_samples: usize, map: &PreparedMap) -> f32 {
     let [texel_x, texel_y] = map.texel_size(0);
     let [left, right, bottom, top] = seen.bounds.map(f64::from);
     (max_samples as f64 * texel_x * texel_y / ((right - left) * (top - bottom))).sqrt() as f32
+}
+
+/// From and to which rise above a point a level answers, in units of the point's own.
+pub fn band(level: usize, levels: usize) -> (f32, f32) {
+    let start = |level: usize| {
+        if level == 0 {
+            0.0
+        } else {
+            0.5 * (1u32 << level) as f32
+        }
+    };
+    let end = if level + 1 == levels {
+        f32::INFINITY
+    } else {
+        start(level + 1)
+    };
+    (start(level), end)
 }

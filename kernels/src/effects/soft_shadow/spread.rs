@@ -1,11 +1,12 @@
 //! What the points of a tile have in common: which blocks of a map may matter to any of them.
 
-use super::choose::Window;
+use super::level::{BLOCK, Block};
 use super::light::{Seen, dot};
+use super::open::Open;
 use super::plain::OWN_SURFACE;
-use super::prepare::{BLOCK, Block, PreparedMap};
+use super::prepare::PreparedMap;
 use super::region::Search;
-use super::tile::Open;
+use super::window::Window;
 
 /// Ranges over a tile's points.
 pub struct Spread {

@@ -1,26 +1,15 @@
 //! The fast bitmask method over neighbouring points, which share the blocks of the map that may hide the light.
 
-use super::choose::{Served, from_point};
+use super::choose::Served;
 use super::fast::{self, Place};
-use super::light::{Light, Seen};
-use super::plain::Bits;
-use super::prepare::{BLOCK, PreparedMap};
-use super::region::{MOST_LEVELS, unit};
+use super::level::BLOCK;
+use super::light::{Bits, Light, Seen};
+use super::open::Open;
+use super::prepare::PreparedMap;
+use super::region::{MOST_LEVELS, band, unit};
 use super::spread::{OwnPlane, Seam, Spread, blocks_around, highest_above};
+use super::window::from_point;
 use crate::simd::{Eight, LANES, Simd, Vector};
-
-/// A point that the light may be hidden from.
-pub struct Open {
-    pub seen: Seen,
-    /// Samples hidden so far.
-    pub hidden: Bits,
-    /// The rise above the point at which texels of level 0 are as fine as they need be.
-    pub unit: f32,
-    /// One beyond the last map that it reads.
-    pub maps_end: usize,
-    /// Where the result goes.
-    pub place: usize,
-}
 
 /// Blocks worth a look, in arrays of their own so that a register of them is tested at once.
 #[derive(Default)]
@@ -298,23 +287,6 @@ impl Candidates {
         }
         eight.store_ints(hidden, &mut point.hidden);
     }
-}
-
-/// From and to which rise above a point a level answers, in units of the point's own.
-pub fn band(level: usize, levels: usize) -> (f32, f32) {
-    let start = |level: usize| {
-        if level == 0 {
-            0.0
-        } else {
-            0.5 * (1u32 << level) as f32
-        }
-    };
-    let end = if level + 1 == levels {
-        f32::INFINITY
-    } else {
-        start(level + 1)
-    };
-    (start(level), end)
 }
 
 /// Adds up what is left of the light.

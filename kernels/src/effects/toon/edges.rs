@@ -1,6 +1,6 @@
 //! Lines within the silhouette: where object, material or normal changes from pixel to pixel.
 
-use super::{dot, fill_pixels, pixels};
+use super::image::{dot, fill_pixels, pixels};
 use crate::cancel::CancelFlag;
 use numpy::{
     IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,

@@ -1,6 +1,6 @@
 //! How much a surface faces the lights: what the ramp is looked up with.
 
-use super::{CHUNK, dot, fill, pixels, smooth};
+use super::image::{CHUNK, dot, fill, pixels, smooth};
 use crate::cancel::CancelFlag;
 use numpy::{
     IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,

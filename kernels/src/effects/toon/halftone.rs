@@ -1,7 +1,7 @@
 //! Halftone: ink dots that grow with the shade.
 
 use super::dots::coverage;
-use super::{dot, fill_pixels, pixels, smooth};
+use super::image::{dot, fill_pixels, pixels, smooth};
 use crate::cancel::CancelFlag;
 use numpy::{
     IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,

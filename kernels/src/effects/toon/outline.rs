@@ -1,6 +1,6 @@
 //! The outline's image: where the hull lies before every surface, and lines within.
 
-use super::{fill, pixels};
+use super::image::{fill, pixels};
 use crate::cancel::CancelFlag;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;

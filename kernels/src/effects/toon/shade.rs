@@ -1,7 +1,7 @@
 //! The toon image: the ramp's colour over the material's.
 
+use super::image::{dot, fill, pixels};
 use super::ramp::{Ramp, ramps};
-use super::{dot, fill, pixels};
 use crate::cancel::CancelFlag;
 use numpy::{
     IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,

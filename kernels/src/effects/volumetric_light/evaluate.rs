@@ -2,55 +2,20 @@
 
 use super::integral::{self, Everywhere, Travelled, gauss_legendre};
 use super::lanes::{Batch, OpenRow, Setup};
-use super::map::{LightMap, lit_stretches};
+use super::map::lit_stretches;
+use super::march::march;
 use super::medium::Medium;
-use super::rays::{Lattice, Ray};
+use super::rays::Ray;
+use super::scene::{Method, Scene, Span, turn};
 use super::source::{Profile, Seen, Source};
-use super::spans::{self, MediumMap};
-use super::table::Table;
+use super::spans;
 use crate::cancel::CancelFlag;
 use crate::simd::dispatch;
-use crate::vector::{cross, dot, length};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
 /// Nothing that casts shadows is further away, metres.
 const FAR: f64 = 1e9;
-
-/// How a ray's lit stretches become light.
-pub enum Method {
-    /// Quadrature of each stretch.
-    Walk,
-    /// Differences of a table of the antiderivative.
-    Table(Table),
-    /// A jittered march of so many steps, for comparison.
-    March(usize),
-}
-
-/// The medium's entries and exits along the camera's rays (layers, height, width), and from the light.
-pub struct Bounded<'a> {
-    pub layers: usize,
-    pub depths: &'a [f32],
-    pub maps: Vec<&'a MediumMap>,
-}
-
-impl Bounded<'_> {
-    /// Whether all that light passes on its way to any point inside is medium.
-    fn surrounds_light(&self) -> bool {
-        !self.maps.is_empty() && self.maps.iter().all(|map| map.begins_inside)
-    }
-}
-
-pub struct Scene<'a> {
-    pub lattice: Lattice,
-    pub medium: Medium,
-    pub source: Source,
-    /// Of each point that the source's shadows are cast from; all have the same share.
-    pub maps: Vec<Vec<&'a LightMap>>,
-    pub bounded: Option<Bounded<'a>>,
-    pub method: Method,
-    pub order: usize,
-}
 
 impl Scene<'_> {
     /// (height * width) in-scattered radiance per unit of intensity or irradiance; `depth` along the view's axis.
@@ -119,17 +84,8 @@ impl Scene<'_> {
     }
 }
 
-/// What a stretch of a ray is integrated by.
-#[derive(Clone, Copy)]
-pub struct Span {
-    pub pixel: usize,
-    /// Where the medium begins along the ray, and how much of it lies before.
-    pub from: f64,
-    pub before: f64,
-}
-
-pub struct Row<'a> {
-    pub scene: &'a Scene<'a>,
+struct Row<'a> {
+    scene: &'a Scene<'a>,
     setup: &'a Setup,
     batch: Batch,
     spans: Vec<(f64, f64)>,
@@ -195,7 +151,15 @@ impl Row<'_> {
     /// A stretch on which the source's profile is smooth.
     fn piece(&mut self, row: &mut [[f32; 3]], ray: &Ray, seen: &Seen, span: Span, from: f64, to: f64) {
         if let Method::March(steps) = self.scene.method {
-            return self.march(row, ray, seen, span, from, to, steps);
+            return march(
+                self.scene,
+                &mut row[span.pixel],
+                ray,
+                seen,
+                span,
+                [from, to],
+                steps,
+            );
         }
         if self.scene.unshadowed() {
             return self.stretch(row, ray, seen, span, from, to, 1.0);
@@ -304,20 +268,6 @@ impl Row<'_> {
             }
         }
         std::array::from_fn(|c| sum[c] * phase * scene.medium.scattering[c])
-    }
-}
-
-/// Of a distant source, (1 - cos) / 2 and (1 + cos) / 2 of the angle that its light turns by to reach the eye.
-pub fn turn(source: &Source, ray: &Ray) -> (f64, f64) {
-    let to_eye = ray.direction.map(|d| -d);
-    let cosine = dot(source.axis, to_eye);
-    // 1 - |cos| = sin^2 / (1 + |cos|) keeps its digits near both ends.
-    let sine = length(cross(source.axis, to_eye));
-    let small = 0.5 * sine * sine / (1.0 + cosine.abs());
-    if cosine > 0.0 {
-        (small, 1.0 - small)
-    } else {
-        (1.0 - small, small)
     }
 }
 

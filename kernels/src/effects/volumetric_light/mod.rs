@@ -7,6 +7,7 @@ mod map;
 mod march;
 mod medium;
 mod rays;
+mod scene;
 mod source;
 mod spans;
 mod table;
@@ -14,7 +15,7 @@ mod upsample;
 
 use crate::cancel::CancelFlag;
 use crate::view::View;
-use evaluate::{Bounded, Method, Scene};
+
 use map::LightMap;
 use medium::Medium;
 use numpy::{
@@ -25,6 +26,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use rays::Lattice;
+use scene::{Bounded, Method, Scene};
 use source::Source;
 use spans::MediumMap;
 use std::sync::Arc;

@@ -1,8 +1,10 @@
 //! Which triangles are one smooth surface around a vertex, and where it faces there.
 
-use super::{SMOOTH_COSINE, unit};
 use crate::geometry::Topology;
-use crate::vector::{Vec3, add, dot, scale, sub};
+use crate::vector::{Vec3, add, dot, scale, sub, unit};
+
+/// Triangles that meet at less than this angle are one smooth surface: 30 degrees.
+const SMOOTH_COSINE: f64 = 0.866_025_403_784_438_6;
 
 /// Groups corners of triangles that are one smooth surface around their vertex.
 struct Fans(Vec<u32>);

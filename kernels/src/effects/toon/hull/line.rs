@@ -1,7 +1,6 @@
 //! How wide a line is, and where that moves a vertex to.
 
-use super::unit;
-use crate::vector::{Vec3, add, dot, scale};
+use crate::vector::{Vec3, add, dot, scale, unit};
 use crate::view::View;
 
 /// A round strip's ring may be narrower than the line by this many pixels, between its directions.

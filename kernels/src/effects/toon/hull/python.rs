@@ -1,6 +1,7 @@
 //! Hulls of a scene's instances, from Python.
 
-use super::{Eye, Width, clipped, hull};
+use super::grown::{clipped, hull};
+use super::line::{Eye, Width};
 use crate::cancel::CancelFlag;
 use crate::geometry::Geometry;
 use crate::view::View;

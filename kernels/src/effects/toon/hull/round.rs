@@ -1,9 +1,9 @@
 //! Round strips at sharp convex edges and open borders, and patches where they meet.
 
+use super::builder::Builder;
 use super::fans::Directions;
-use super::{Builder, unit};
 use crate::geometry::{Edge, Topology};
-use crate::vector::{Vec3, add, cross, dot, scale, sub};
+use crate::vector::{Vec3, add, cross, dot, scale, sub, unit};
 use std::f64::consts::PI;
 
 /// Directions from one to another that a strip passes, without these two, at most `largest` radians apart.

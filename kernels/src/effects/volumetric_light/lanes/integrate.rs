@@ -1,7 +1,8 @@
 //! Panels of nodes along sixteen stretches, and the sums over them.
 
+use super::batch::Integrate;
 use super::functions::{exp, further, larger, ln_1p, smaller};
-use super::{Batch, Group, MOST_NODES, NEARBY_WIDTH, OPAQUE, SHAPED_WIDTH, Setup};
+use super::setup::{Group, MOST_NODES, NEARBY_WIDTH, OPAQUE, SHAPED_WIDTH};
 use crate::effects::volumetric_light::integral::{PANEL_DEPTH, PANEL_WIDTH};
 use crate::effects::volumetric_light::source::Profile;
 use crate::simd::{LANES, Lanes, Simd, Work};
@@ -20,12 +21,6 @@ const LEAST_SCALE: f32 = 1e-6;
 /// Once s has grown by this share of itself and of the ray's distance from the light, nothing that follows counts, and
 /// its square would be beyond single precision.
 const MOST_GROWTH: f32 = 1e9;
-
-/// Work for [`dispatch`](crate::simd::dispatch).
-pub struct Integrate<'a> {
-    pub setup: &'a Setup,
-    pub batch: &'a Batch,
-}
 
 /// Where a group's panels lie, lane by lane, in s over the ray's distance from the light.
 struct Panels {

@@ -1,7 +1,8 @@
 //! What a point of a medium gets from a light and turns towards the eye.
 
+use super::batch::Integrate;
 use super::functions::{inverse_root, larger, smaller};
-use super::{Integrate, PER_SPHERE};
+use super::setup::PER_SPHERE;
 use crate::effects::volumetric_light::source::Profile;
 
 #[inline(always)]

@@ -1,6 +1,6 @@
 //! A light with a size, seen from nearby: many directions, each with its own phase and its own place in a spot's cone.
 
-use super::Integrate;
+use super::batch::Integrate;
 use super::functions::{acos, cos, inverse_root, larger, smaller};
 use super::light::{off_axis, smoothstep};
 use crate::simd::{LANES, Lanes};

@@ -1,8 +1,8 @@
 //! A row of rays from one eye to a source that nothing shadows: no intervals to look for.
 
+use super::batch::{Batch, Integrate};
 use super::functions::{exp, larger, smaller};
-use super::integrate::Integrate;
-use super::{Batch, PER_SPHERE, Setup};
+use super::setup::{PER_SPHERE, Setup};
 use crate::effects::volumetric_light::rays::Lattice;
 use crate::effects::volumetric_light::source::{CLOSEST, CLOSEST_SHARE, Source};
 use crate::simd::{LANES, Lanes, Simd, Work};

@@ -1,0 +1,222 @@
+//! Geometry as Python fills it.
+
+use super::distance::distance;
+use super::mesh::{Cutout, Data, Instance, Mesh};
+use super::triangulate::{checked_corners, triangulate};
+use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::sync::{Arc, OnceLock};
+
+/// Filled by `add_*`, then read by every kernel.
+#[pyclass]
+#[derive(Default)]
+pub struct Geometry {
+    data: Arc<Data>,
+}
+
+impl Geometry {
+    pub fn data(&self) -> Arc<Data> {
+        self.data.clone()
+    }
+
+    fn edit(&mut self) -> PyResult<&mut Data> {
+        Arc::get_mut(&mut self.data)
+            .ok_or_else(|| PyValueError::new_err("geometry cannot change while a kernel uses it"))
+    }
+}
+
+fn rows<const N: usize>(array: &PyReadonlyArray2<'_, f32>, what: &str) -> PyResult<Vec<[f32; N]>> {
+    if array.shape()[1] != N {
+        return Err(PyValueError::new_err(format!(
+            "{what} has {} columns, not {N}",
+            array.shape()[1]
+        )));
+    }
+    Ok(array.as_slice()?.as_chunks::<N>().0.to_vec())
+}
+
+/// A mesh for any number of geometries: a scene of which one object changes triangulates that one again.
+#[pyclass(name = "Mesh", frozen)]
+pub struct SharedMesh {
+    mesh: Arc<Mesh>,
+}
+
+#[pymethods]
+impl SharedMesh {
+    /// Polygons. `positions` (V, 3) f32 in object space; `corner_vertices` (C,) i32; `face_starts` (F + 1,) i32;
+    /// `corner_normals` (C, 3) f32 or None for a flat mesh; `corner_uvs` (C, 2) f32 or None; `face_slots` (F,)
+    /// i32 or None. Raises ValueError on indices out of range; faces with a vertex that is not finite are
+    /// dropped.
+    #[new]
+    #[pyo3(signature = (positions, corner_vertices, face_starts, corner_normals=None, corner_uvs=None, face_slots=None))]
+    pub fn new(
+        positions: PyReadonlyArray2<'_, f32>,
+        corner_vertices: PyReadonlyArray1<'_, i32>,
+        face_starts: PyReadonlyArray1<'_, i32>,
+        corner_normals: Option<PyReadonlyArray2<'_, f32>>,
+        corner_uvs: Option<PyReadonlyArray2<'_, f32>>,
+        face_slots: Option<PyReadonlyArray1<'_, i32>>,
+    ) -> PyResult<Self> {
+        let positions: Vec<[f32; 3]> = rows(&positions, "positions")?;
+        let corner_vertices = checked_corners(corner_vertices.as_slice()?, positions.len())?;
+        let (triangles, faces) = triangulate(&positions, &corner_vertices, face_starts.as_slice()?)
+            .map_err(PyValueError::new_err)?;
+        let corner_normals = corner_normals.map_or(Ok(Vec::new()), |a| rows::<3>(&a, "corner_normals"))?;
+        let corner_uvs = corner_uvs.map_or(Ok(Vec::new()), |a| rows::<2>(&a, "corner_uvs"))?;
+        for (what, length) in [
+            ("corner_normals", corner_normals.len()),
+            ("corner_uvs", corner_uvs.len()),
+        ] {
+            if length != 0 && length != corner_vertices.len() {
+                return Err(PyValueError::new_err(format!("{what} needs one row a corner")));
+            }
+        }
+        let triangle_slots = match face_slots {
+            None => Vec::new(),
+            Some(slots) => {
+                let slots = slots.as_slice()?;
+                if slots.len() + 1 != face_starts.len() {
+                    return Err(PyValueError::new_err("face_slots needs one entry a face"));
+                }
+                faces
+                    .iter()
+                    .map(|&face| slots[face as usize].max(0) as u32)
+                    .collect()
+            }
+        };
+        let mesh = Arc::new(Mesh {
+            positions,
+            corner_vertices,
+            triangles,
+            corner_normals,
+            corner_uvs,
+            triangle_slots,
+            topology: OnceLock::new(),
+        });
+        Ok(SharedMesh { mesh })
+    }
+
+    /// Metres in the world from `point` (three numbers) to the triangles, placed by `matrix` (4, 4) f64 object to world;
+    /// `most` where none is nearer. Raises ValueError if the matrix is not finite.
+    pub fn distance(
+        &self,
+        py: Python<'_>,
+        matrix: PyReadonlyArray2<'_, f64>,
+        point: [f64; 3],
+        most: f64,
+    ) -> PyResult<f64> {
+        let rows = finite_rows(&matrix)?;
+        Ok(py.detach(|| distance(&self.mesh, &rows, point, most)))
+    }
+}
+
+/// The first three rows of a matrix (4, 4).
+fn finite_rows(matrix: &PyReadonlyArray2<'_, f64>) -> PyResult<[[f64; 4]; 3]> {
+    let m = matrix.as_slice()?;
+    if m.len() != 16 || m.iter().any(|x| !x.is_finite()) {
+        return Err(PyValueError::new_err("an instance's matrix is 4 x 4 and finite"));
+    }
+    Ok([0, 4, 8].map(|i| [m[i], m[i + 1], m[i + 2], m[i + 3]]))
+}
+
+#[pymethods]
+impl Geometry {
+    #[new]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds polygons, as `Mesh` takes them, and returns the mesh's index.
+    #[pyo3(signature = (positions, corner_vertices, face_starts, corner_normals=None, corner_uvs=None, face_slots=None))]
+    pub fn add_mesh(
+        &mut self,
+        positions: PyReadonlyArray2<'_, f32>,
+        corner_vertices: PyReadonlyArray1<'_, i32>,
+        face_starts: PyReadonlyArray1<'_, i32>,
+        corner_normals: Option<PyReadonlyArray2<'_, f32>>,
+        corner_uvs: Option<PyReadonlyArray2<'_, f32>>,
+        face_slots: Option<PyReadonlyArray1<'_, i32>>,
+    ) -> PyResult<usize> {
+        self.add_shared_mesh(&SharedMesh::new(
+            positions,
+            corner_vertices,
+            face_starts,
+            corner_normals,
+            corner_uvs,
+            face_slots,
+        )?)
+    }
+
+    /// Adds a mesh that other geometry may hold too, and returns its index.
+    pub fn add_shared_mesh(&mut self, mesh: &SharedMesh) -> PyResult<usize> {
+        let data = self.edit()?;
+        data.meshes.push(mesh.mesh.clone());
+        Ok(data.meshes.len() - 1)
+    }
+
+    /// Adds a material's alpha clip and returns the material's index. `texels` (height, width) f32, row 0
+    /// at the bottom, or None.
+    #[pyo3(signature = (threshold=0.0, alpha=1.0, texels=None))]
+    pub fn add_material(
+        &mut self,
+        threshold: f32,
+        alpha: f32,
+        texels: Option<PyReadonlyArray2<'_, f32>>,
+    ) -> PyResult<usize> {
+        let (texels, height, width) = match texels {
+            None => (Vec::new(), 0, 0),
+            Some(t) => (t.as_slice()?.to_vec(), t.shape()[0], t.shape()[1]),
+        };
+        let data = self.edit()?;
+        data.cutouts.push(Cutout {
+            threshold,
+            alpha,
+            texels,
+            width,
+            height,
+        });
+        Ok(data.cutouts.len() - 1)
+    }
+
+    /// Adds an instance and returns its index. `matrix` (4, 4) f64 object to world; `slot_materials` the
+    /// materials of the slots, at least one. Raises ValueError if the matrix is not finite.
+    pub fn add_instance(
+        &mut self,
+        mesh: usize,
+        matrix: PyReadonlyArray2<'_, f64>,
+        object_id: i32,
+        slot_materials: Vec<u32>,
+    ) -> PyResult<usize> {
+        let matrix = finite_rows(&matrix)?;
+        let data = self.edit()?;
+        if mesh >= data.meshes.len() {
+            return Err(PyValueError::new_err(format!("no mesh {mesh}")));
+        }
+        if slot_materials.is_empty() || slot_materials.iter().any(|&s| s as usize >= data.cutouts.len()) {
+            return Err(PyValueError::new_err(
+                "slot_materials names a material that was not added",
+            ));
+        }
+        data.instances.push(Instance {
+            mesh,
+            matrix,
+            object_id,
+            slot_materials,
+        });
+        Ok(data.instances.len() - 1)
+    }
+
+    /// Triangles over all instances.
+    pub fn triangle_count(&self) -> usize {
+        self.data
+            .instances
+            .iter()
+            .map(|i| self.data.meshes[i.mesh].triangles.len())
+            .sum()
+    }
+
+    pub fn instance_count(&self) -> usize {
+        self.data.instances.len()
+    }
+}
