@@ -25,7 +25,7 @@ class Reduce(Enum):
 
 
 class Need(Enum):
-    """What an effect cannot do without."""
+    """What an effect or a layer cannot do without."""
 
     EYE = "an eye"  # that looks along rays
 
@@ -41,7 +41,8 @@ class LayerKind:
     `channels` one letter each, "V" or "RGB"; `role` is what they are to the picture.
 
     `reduce` is how a pixel's samples become its value. `score` tells how wrong they are (core/score.py);
-    None: nobody measures them.
+    None: nobody measures them. `needs`: what a shot must have for them, beside what the effect needs; the
+    effect asks for it (`Recorder.shot_has`).
     """
 
     title: str
@@ -51,6 +52,7 @@ class LayerKind:
     role: Role = Role.NONE
     reduce: Reduce = Reduce.MEAN
     doc: str = ""
+    needs: frozenset[Need] = frozenset()
 
     def __post_init__(self):
         if self.role.needs_lamp and self.of is not Subject.LAMP:
@@ -69,7 +71,8 @@ class Effect:
     effects may build on (`Recorder.ask`), recorded by `record(recorder, outline, params, of, *inputs)`;
     `shaders()` yields every GPU program that its steps may compile; `presets` are values by name, over the
     defaults; `object_params` are what an object or a material may have of its own. Not `on_by_default`: a
-    style, which would cover the picture of a scene that never asked for it. `needs`: what a shot must have.
+    style, which would cover the picture of a scene that never asked for it. `needs`: what a shot must have
+    for any of it.
 
     `ruled_out(kind, light, params, has_media)`: whether no frame can need a layer of that kind as long as the
     lamp and the parameters are these, whatever moves; either is None where it may change, and a light's place

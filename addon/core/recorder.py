@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 
 from .effect import Effect, LayerKind, Need, Offer
 from .graph import Graph, LeftOut, Node, PlannedLayer, Step
@@ -91,6 +91,8 @@ class Recorder:
     ) -> None:
         """Declares an image made by `node`; `of`: which lamp or object, of a kind that is of one; `casters`
         are the instances that its reference has to trace; `depth`: how far away an OVER layer is, metres."""
+        if not self._meets(kind.needs):
+            raise ValueError(f"'{kind.title}' needs what the shot has not")
         of = of or Of(kind.of)
         if self.effect and not (of.index in self.lamps if of.is_lamp else self._wants_others):
             return
@@ -154,6 +156,16 @@ class Recorder:
         offer = self._offer(kind.role, of) if kind.role.is_exclusive else None
         return offer is None or offer.effect is self.effect
 
+    def shot_has(self, needs: Set[Need], what: str) -> bool:
+        """Whether the shot has what `what` needs; notes it where not."""
+        if self._meets(needs):
+            return True
+        self.left_out(what, "a UV chart has no eye")
+        return False
+
+    def _meets(self, needs: Set[Need]) -> bool:
+        return Need.EYE not in needs or self.shot.has_eye
+
     def left_out(self, what: str, reason: str, light: str = "") -> None:
         """Notes it once, whoever comes upon it again."""
         if not any(known.what == what and known.reason == reason for known in self._left_out):
@@ -187,9 +199,9 @@ def plan(
     recorder = Recorder(outline, shot, offers, lamps, keeps_unused)
     for effect, params in effects.items():
         recorder.effect, recorder.params = effect, params
-        if Need.EYE in effect.needs and not shot.has_eye:
-            recorder.left_out(effect.title, "a UV chart has no eye")
-        elif reason := effect.needed(outline):
+        if not recorder.shot_has(effect.needs, effect.title):
+            continue
+        if reason := effect.needed(outline):
             recorder.left_out(effect.title, reason)
         elif lamps is not None and not any(kind.of is Subject.LAMP for kind in effect.layers):
             recorder.left_out(effect.title, "only lamps' layers were asked for")

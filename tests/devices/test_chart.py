@@ -80,23 +80,28 @@ def test_tiles_of_a_chart_are_parts_of_it():
         assert np.array_equal(part[name], whole[name][7:20]), name
 
 
-@pytest.mark.parametrize("backend", ["cpu", "gpu"])
-def test_shadows_on_a_chart_are_those_that_a_camera_sees(backend):
+def seen_and_laid_out(backend, effects, layer, **more):
+    """The same layer of the floor's points as a camera sees them and as its UVs lay them out, and which the
+    plate does not hide from the camera."""
     if backend == "gpu":
         gpu_device()  # skips where there is none
     outline, arrays = charted()
     camera = Camera("Camera", (0.0, 0.0, 10.0), **DOWN, orthographic=True, orthographic_scale=SIDE)
     shots = Shot("Camera", Raster(camera, SIZE)), Shot("Chart", Chart.of(outline, "Box 0", SIZE))
-    options = Options(("soft_shadow",), backend, 1, 0)
+    options = Options(effects, backend, 1, 0, **more)
     graphs = [plan_scene(outline, shot, options) for shot in shots]
-    seen, laid_out = (
-        baked.layers.layers[0].pixels[..., 0]
-        if baked.layers.layers[0].pixels.ndim == 3
-        else baked.layers.layers[0].pixels
-        for baked in BakeJob(outline, graphs, arrays, options).results()
-    )
+    results = BakeJob(outline, graphs, arrays, options).results()
+    layers = [{each.name: each.pixels for each in baked.layers.layers} for baked in results]
     x, y = np.meshgrid(*((np.arange(side) + 0.5) / side * SIDE - 0.5 * SIDE for side in SIZE))
-    bare = (np.abs(x) > 0.6) | (np.abs(y) > 0.6)  # what the plate does not hide from the camera
+    return *(each[layer] for each in layers), (np.abs(x) > 0.5) | (np.abs(y) > 0.5)
+
+
+BACKENDS = pytest.mark.parametrize("backend", ["cpu", "gpu"])
+
+
+@BACKENDS
+def test_shadows_on_a_chart_are_those_that_a_camera_sees(backend):
+    seen, laid_out, bare = seen_and_laid_out(backend, ("soft_shadow",), "Soft Shadow Lamp")
     assert laid_out.min() < 0.05  # the middle of the plate's shadow, which the camera does not see
     assert (seen[bare] < 0.9).sum() > 20
     # Each shot's maps are fitted to what it shows, so texels differ; a light sample is 1/256.
@@ -104,12 +109,38 @@ def test_shadows_on_a_chart_are_those_that_a_camera_sees(backend):
     assert np.abs(seen - laid_out)[bare].max() < 0.05
 
 
+@BACKENDS
+@pytest.mark.parametrize(
+    "values",
+    [
+        {},
+        {"shadow_edge": "soft"},
+        {"light": "brightness", "exposure": 75.0},
+        {"normals": "flat", "mix": "soft_light"},
+    ],
+    ids=["facing", "soft", "brightness", "flat"],
+)
+def test_toon_light_on_a_chart_is_that_which_a_camera_sees(backend, values):
+    steps = {"ramp": "0:#000000,0.5:#444444,0.9:#ffffff;constant", **values}
+    seen, laid_out, bare = seen_and_laid_out(backend, ("toon",), "Toon", values={"toon": steps})
+    for image in (seen, laid_out):
+        assert len(np.unique(image[bare], axis=0)) == 3  # shade and both steps of light
+    # Where the plate hides the floor from the camera it hides it from the lamp too.
+    assert (laid_out[~bare] == laid_out[~bare][0]).all()
+    # Only where rounding decides between two steps may a point have another colour.
+    flipped = np.abs(seen - laid_out)[bare].max(axis=-1) > 1e-6
+    assert flipped.mean() < 0.002
+
+
 def test_what_needs_an_eye_is_left_out():
     outline, _ = charted()
     shot = Shot("Chart", Chart.of(outline, "Box 0", SIZE))
-    graph = plan_scene(outline, shot, Options(("soft_shadow", "volumetric_light", "toon"), "cpu"))
-    assert [layer.effect for layer in graph.layers] == ["soft_shadow"]
+    values = {"toon": {"rim": 0.5}}
+    options = Options(("soft_shadow", "volumetric_light", "toon"), "cpu", values=values)
+    graph = plan_scene(outline, shot, options)
+    assert [layer.name for layer in graph.layers] == ["Soft Shadow Lamp", "Toon"]
     reasons = {each.what: each.reason for each in graph.left_out}
-    assert reasons["Toon"] == reasons["Volumetric Light"] == "a UV chart has no eye"
+    for what in ("Volumetric Light", "Toon Halftone", "Toon Outline", "Toon rim"):
+        assert reasons[what] == "a UV chart has no eye", what
     with pytest.raises(StrataError, match="no object 'Nobody'"):
         Chart.of(outline, "Nobody", SIZE)

@@ -23,6 +23,7 @@ HALFTONE = LayerKind(
     channels="V",
     role=Role.TRANSMITTANCE,
     doc="Dots that grow with the shade: 1 is paper, 0 is ink",
+    needs=frozenset({Need.EYE}),
 )
 OUTLINE = LayerKind(
     title="Toon Outline",
@@ -30,6 +31,7 @@ OUTLINE = LayerKind(
     channels="RGBA",
     role=Role.OVER,
     doc="Lines around objects and, where asked for, within them",
+    needs=frozenset({Need.EYE}),
 )
 EFFECT = Effect(
     id="toon",
@@ -38,7 +40,6 @@ EFFECT = Effect(
     layers=(TOON, HALFTONE, OUTLINE),
     on_by_default=False,
     needed=needed,
-    needs=frozenset({Need.EYE}),
     ruled_out=ruled_out,
     shaders=variants,
     run=run,

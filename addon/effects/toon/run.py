@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.culling import around, casters_of, receivers_in_view, unlit_reason
+from ...core.effect import Need
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
 from ...core.outline import Outline
@@ -58,7 +59,7 @@ def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
         recorder.left_out("Toon Halftone", "it is switched off")
     elif reason := _no_dots(params):
         recorder.left_out("Toon Halftone", reason)
-    else:
+    elif recorder.shot_has(HALFTONE.needs, "Toon Halftone"):
         node = _halftone(recorder, outline, params, light, excluded)
         used = outline.instances.materials_of(visible - excluded)
         if any(own_of(outline.materials[m]).excluded for m in used):
@@ -66,7 +67,7 @@ def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
         recorder.layer(HALFTONE, node, casters=casters)
     if not params.outline:
         recorder.left_out("Toon Outline", "it is switched off")
-    else:
+    elif recorder.shot_has(OUTLINE.needs, "Toon Outline"):
         _outline(recorder, outline, params, visible, excluded, OUTLINE)
 
 
@@ -171,9 +172,10 @@ def _chosen_lights(recorder, outline, params, visible, region) -> list[int]:
 
 
 def _shade(recorder, outline, params, surface, light, normal, visible) -> Node:
-    ramps, view = ramps_of(outline, params), recorder.shot.view
+    ramps = ramps_of(outline, params)
+    has_rim = params.rim > 0.0 and recorder.shot_has({Need.EYE}, "Toon rim")
     recorder.surface_with("material", *(["instance"] if ramps.instances is not None else []))
-    if params.rim > 0.0:
+    if has_rim:
         recorder.surface_with("position")
     table = [(*material.base_color, *material.emission) for material in outline.materials]
     used = outline.instances.materials_of(visible)
@@ -188,8 +190,8 @@ def _shade(recorder, outline, params, surface, light, normal, visible) -> Node:
         table=np.array(table, np.float32).reshape(-1, 6),
         mix=params.mix.value,
         emission=params.emission,
-        rim=(params.rim_width, params.rim, *params.rim_color) if params.rim > 0.0 else NO_RIM,
-        forward=view.forward if view.orthographic else None,
+        rim=(params.rim_width, params.rim, *params.rim_color) if has_rim else NO_RIM,
+        forward=recorder.shot.view.forward if has_rim and recorder.shot.view.orthographic else None,
         **ramps.as_params(),
     )
 
