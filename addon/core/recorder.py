@@ -31,7 +31,10 @@ class Recorder:
         self.lamps = tuple(range(len(outline.lights))) if lamps is None else lamps
         self._wants_others = lamps is None
         self._keeps_unused = keeps_unused
-        self._offers = offers or {}
+        self._offers = {
+            role: tuple(offer for offer in offered if self._meets(offer.effect.needs))
+            for role, offered in (offers or {}).items()
+        }
         self.effect: Effect | None = None  # whose steps are being recorded
         self.params: Params | None = None  # that effect's
         self._nodes: dict[str, Node] = {}

@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from strata.addon.bake import BakeJob, Options, plan_scene
+from strata.addon.core.effect import Need
 from strata.addon.core.errors import StrataError
 from strata.addon.core.shot import Camera, Chart, Raster, Shot
 from strata.addon.core.surface import ATTRIBUTES, Chunk
 from strata.addon.devices.cpu import CpuDevice
 from strata.tests.support.flat_scenes import DOWN, FLOOR, PLATE, lamp, scene_of
 from strata.tests.support.gpu_scenes import gpu_device
+from strata.tests.support.tiny_effects import LENS, LENS_STEP, registry
 
 SIZE = (60, 60)
 SIDE = 6.0  # metres, of the floor
@@ -80,9 +82,8 @@ def test_tiles_of_a_chart_are_parts_of_it():
         assert np.array_equal(part[name], whole[name][7:20]), name
 
 
-def seen_and_laid_out(backend, effects, layer, **more):
-    """The same layer of the floor's points as a camera sees them and as its UVs lay them out, and which the
-    plate does not hide from the camera."""
+def seen_and_laid_out(backend, effects, **more):
+    """Baked of the floor's points as a camera sees them, and as its UVs lay them out."""
     if backend == "gpu":
         gpu_device()  # skips where there is none
     outline, arrays = charted()
@@ -90,23 +91,28 @@ def seen_and_laid_out(backend, effects, layer, **more):
     shots = Shot("Camera", Raster(camera, SIZE)), Shot("Chart", Chart.of(outline, "Box 0", SIZE))
     options = Options(effects, backend, 1, 0, **more)
     graphs = [plan_scene(outline, shot, options) for shot in shots]
-    results = BakeJob(outline, graphs, arrays, options).results()
-    layers = [{each.name: each.pixels for each in baked.layers.layers} for baked in results]
+    return BakeJob(outline, graphs, arrays, options).results()
+
+
+def bare_floor():
+    """Where the plate does not hide the floor from the camera."""
     x, y = np.meshgrid(*((np.arange(side) + 0.5) / side * SIDE - 0.5 * SIDE for side in SIZE))
-    return *(each[layer] for each in layers), (np.abs(x) > 0.5) | (np.abs(y) > 0.5)
+    return (np.abs(x) > 0.5) | (np.abs(y) > 0.5)
 
 
+BARE = bare_floor()
 BACKENDS = pytest.mark.parametrize("backend", ["cpu", "gpu"])
 
 
 @BACKENDS
 def test_shadows_on_a_chart_are_those_that_a_camera_sees(backend):
-    seen, laid_out, bare = seen_and_laid_out(backend, ("soft_shadow",), "Soft Shadow Lamp")
+    both = seen_and_laid_out(backend, ("soft_shadow",))
+    seen, laid_out = (baked.layers.layers[0].pixels for baked in both)
     assert laid_out.min() < 0.05  # the middle of the plate's shadow, which the camera does not see
-    assert (seen[bare] < 0.9).sum() > 20
+    assert (seen[BARE] < 0.9).sum() > 20
     # Each shot's maps are fitted to what it shows, so texels differ; a light sample is 1/256.
-    assert np.abs(seen - laid_out)[bare].mean() < 1e-3
-    assert np.abs(seen - laid_out)[bare].max() < 0.05
+    assert np.abs(seen - laid_out)[BARE].mean() < 1e-3
+    assert np.abs(seen - laid_out)[BARE].max() < 0.05
 
 
 @BACKENDS
@@ -122,14 +128,27 @@ def test_shadows_on_a_chart_are_those_that_a_camera_sees(backend):
 )
 def test_toon_light_on_a_chart_is_that_which_a_camera_sees(backend, values):
     steps = {"ramp": "0:#000000,0.5:#444444,0.9:#ffffff;constant", **values}
-    seen, laid_out, bare = seen_and_laid_out(backend, ("toon",), "Toon", values={"toon": steps})
+    both = seen_and_laid_out(backend, ("toon",), values={"toon": steps})
+    seen, laid_out = (baked.layers.layers[0].pixels for baked in both)
     for image in (seen, laid_out):
-        assert len(np.unique(image[bare], axis=0)) == 3  # shade and both steps of light
+        assert len(np.unique(image[BARE], axis=0)) == 3  # shade and both steps of light
     # Where the plate hides the floor from the camera it hides it from the lamp too.
-    assert (laid_out[~bare] == laid_out[~bare][0]).all()
+    assert (laid_out[~BARE] == laid_out[~BARE][0]).all()
     # Only where rounding decides between two steps may a point have another colour.
-    flipped = np.abs(seen - laid_out)[bare].max(axis=-1) > 1e-6
+    flipped = np.abs(seen - laid_out)[BARE].max(axis=-1) > 1e-6
     assert flipped.mean() < 0.002
+
+
+# Light by the same kernel from points that are rounded relative to another origin; shadows as above.
+@BACKENDS
+@pytest.mark.parametrize(("effects", "tolerance"), [((), 1e-5), (("soft_shadow",), 0.05)])
+def test_the_composite_on_a_chart_is_that_which_a_camera_sees(backend, effects, tolerance):
+    both = seen_and_laid_out(backend, effects, composite=True)
+    seen, laid_out = (baked.composite for baked in both)
+    brightest = seen[BARE][:, :3].max()
+    assert brightest > 2.0 * seen[BARE][:, :3].min() > 0.0
+    assert np.abs(seen - laid_out)[BARE].max() < tolerance * brightest
+    assert (laid_out[..., 3] == 1.0).all()
 
 
 def test_what_needs_an_eye_is_left_out():
@@ -142,5 +161,21 @@ def test_what_needs_an_eye_is_left_out():
     reasons = {each.what: each.reason for each in graph.left_out}
     for what in ("Volumetric Light", "Toon Halftone", "Toon Outline", "Toon rim"):
         assert reasons[what] == "a UV chart has no eye", what
+
+
+def test_what_needs_an_eye_makes_no_picture_of_a_chart():
+    outline, _ = charted()
+    lens = replace(LENS, needs=frozenset({Need.EYE}))
+    options = Options(("lens",), "cpu", composite=True, registry=registry(lens))
+    camera = Camera("Camera", (0.0, 0.0, 10.0), **DOWN)
+    for source, is_made in ((Raster(camera, SIZE), True), (Chart.of(outline, "Box 0", SIZE), False)):
+        graph = plan_scene(outline, Shot("Shot", source), options)
+        assert (graph.layers[0].node.step is LENS_STEP) == is_made
+        told = [each.reason for each in graph.left_out if each.what == "Lens"]
+        assert told == ([] if is_made else ["a UV chart has no eye"])
+
+
+def test_an_object_has_to_be_there():
+    outline, _ = charted()
     with pytest.raises(StrataError, match="no object 'Nobody'"):
         Chart.of(outline, "Nobody", SIZE)
