@@ -69,7 +69,7 @@ def _table(head: list[str], rows) -> list[str]:
 
 def _layer_row(kind) -> list[str]:
     name = f"{kind.title} *light*" if kind.of is Subject.LAMP else kind.title
-    return [name, kind.channels, kind.of.value, kind.score.metric, kind.doc]
+    return [name, kind.channels, kind.of.value, kind.score.metric if kind.score else "not measured", kind.doc]
 
 
 def _parameter_row(spec: ParamSpec) -> list[str]:

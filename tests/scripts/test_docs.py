@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
+from dataclasses import replace
 
 import pytest
 from strata.addon.effects.registry import EFFECTS
@@ -33,6 +34,12 @@ def test_effect_pages_name_every_layer_parameter_and_step(effect):
     assert all(any(row.startswith(kind.title) for row in rows) for kind in effect.layers)
     for target in links(page(effect)):
         assert (FOLDER / target).resolve().exists(), target
+
+
+def test_the_page_of_an_effect_says_which_layers_nobody_measures():
+    effect, *_ = EFFECTS
+    kind = replace(effect.layers[0], score=None)
+    assert "| not measured |" in page(replace(effect, layers=(kind,)))
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
