@@ -91,16 +91,18 @@ class Options:
         return self.lights is None or name in self.lights or pass_name in self.lights
 
     def offers(self) -> dict[Role, tuple[Offer, ...]]:
-        """What chosen effects offer, that of `providers` first; what none of them offers, from the first that
-        does."""
+        """What chosen effects offer, that of `providers` first; what none of them offers, from that of
+        `providers` too, or else from the first that does."""
         chosen = self.chosen()
         found: dict[Role, list[Offer]] = {}
         for effect in sorted(self.registry, key=lambda effect: effect not in chosen):
             for role, record in effect.offers.items():
                 offers = found.setdefault(role, [])
-                if effect in chosen or not offers:
+                is_wanted = self.providers.get(role) == effect.id
+                is_open = not any(offer.is_chosen for offer in offers)
+                if effect in chosen or not offers or (is_wanted and is_open):
                     offer = Offer(effect, self._params_of(effect), record, effect in chosen)
-                    offers.insert(0 if self.providers.get(role) == effect.id else len(offers), offer)
+                    offers.insert(0 if is_wanted else len(offers), offer)
         return {role: tuple(offers) for role, offers in found.items()}
 
     def _params_of(self, effect: Effect) -> Any:

@@ -57,6 +57,8 @@ class LayerKind:
     def __post_init__(self):
         if self.role.needs_lamp and self.of is not Subject.LAMP:
             raise ValueError(f"'{self.title}' is {self.role.value}, and of no lamp")
+        if self.role is Role.OVER and self.channels != "RGBA":
+            raise ValueError(f"'{self.title}' lies over the picture by its alpha, and has none")
 
 
 def not_ruled_out(kind: LayerKind, light: Any, params: Any, has_media: bool) -> bool:

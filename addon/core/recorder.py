@@ -32,7 +32,13 @@ class Recorder:
         self._wants_others = lamps is None
         self._keeps_unused = keeps_unused
         self._offers = {
-            role: tuple(offer for offer in offered if self._meets(offer.effect.needs))
+            role: tuple(
+                sorted(
+                    (offer for offer in offered if self._meets(offer.effect.needs)),
+                    # What the scene does not need makes no layers that another could not make in its place.
+                    key=lambda offer: offer.effect.needed(outline) is not None,
+                )
+            )
             for role, offered in (offers or {}).items()
         }
         self.effect: Effect | None = None  # whose steps are being recorded
@@ -152,8 +158,10 @@ class Recorder:
         return next((offer for offer in offers if offer.effect.id == wanted), next(iter(offers), None))
 
     def chosen_offers(self, role: Role) -> tuple[Offer, ...]:
-        """Of effects that are not there only for others to build on; that in use first."""
-        return tuple(offer for offer in self._offers.get(role, ()) if offer.is_chosen)
+        """Of effects that the scene needs and that are not there only for others to build on; that in use
+        first."""
+        offers = self._offers.get(role, ())
+        return tuple(o for o in offers if o.is_chosen and o.effect.needed(self.outline) is None)
 
     def _joins(self, kind: LayerKind, of: Of) -> bool:
         offer = self._offer(kind.role, of) if kind.role.is_exclusive else None

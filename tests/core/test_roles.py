@@ -11,7 +11,7 @@ from strata.addon.core.roles import Of, Role, Subject
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.scan import scan
 from strata.tests.support.places import SAMPLES
-from strata.tests.support.tiny_effects import HALF_KIND, HALF_SHADOW, NoParams, registry
+from strata.tests.support.tiny_effects import HALF_KIND, HALF_SHADOW, LENS, LENS_STEP, NoParams, registry
 
 BOTH = registry(HALF_SHADOW)
 NAMED = ("soft_shadow", "half_shadow")
@@ -73,11 +73,34 @@ def test_others_build_on_what_the_provider_offers(scanned):
     names = {node.step.name for node in graph.nodes()}
     assert "tiny half shadow" in names
     assert "soft_shadow/backproject" not in names
+    # Of effects that are there only to build on, the scene's choice.
+    _, graph = planned(scanned, effects=("toon",), values=values, providers={Role.VISIBILITY: "half_shadow"})
+    assert "tiny half shadow" in {node.step.name for node in graph.nodes()}
+
+
+def test_what_the_scene_does_not_need_provides_nothing(scanned):
+    needless = [replace(effect, needed=lambda outline: "no use here") for effect in (HALF_SHADOW, LENS)]
+    graph = plan_scene(
+        scanned.outline,
+        scanned.shot,
+        Options(
+            effects=("soft_shadow", "half_shadow", "lens"),
+            providers={Role.VISIBILITY: "half_shadow"},
+            composite=True,
+            registry=registry(*needless),
+        ),
+    )
+    assert shadows("Soft Shadow", scanned) < {layer.name for layer in graph.layers if layer.joins}
+    assert LENS_STEP not in {node.step for node in graph.nodes()}
+    told = [(entry.what, entry.reason) for entry in graph.left_out]
+    assert {("Half Shadow", "no use here"), ("Lens", "no use here")} < set(told)
 
 
 def test_wrong_declarations_are_refused():
     with pytest.raises(ValueError, match="of no lamp"):
         LayerKind("Gobo", "RGB", role=Role.FILTER)
+    with pytest.raises(ValueError, match="alpha"):
+        LayerKind("Pane", "RGB", role=Role.OVER)
     with pytest.raises(ValueError, match="does not offer"):
         Effect("half", NoParams, (HALF_KIND,), None, None, "", "")
     assert Of.lamp(0) != Of(Subject.EYE) != Of()
