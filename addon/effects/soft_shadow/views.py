@@ -98,11 +98,13 @@ def distances_of_boxes(emitter: Emitter, boxes: np.ndarray) -> np.ndarray:
 
 def _lit_tangent(emitter: Emitter, receivers: np.ndarray) -> float:
     """The slope from the light's axis within which there are receivers: outside its cone a spot's rim still
-    lights some, the nearest by the widest angle."""
+    lights some. By how wide an angle is told from their middle distance: by that of the nearest the map of a
+    lantern at a wall would spread its texels over a half space, for a few points that get hardly any light."""
     if emitter.kind not in ROUND_KINDS:
         return WIDEST_TANGENT
-    nearest = distances_of_boxes(emitter, receivers).min(initial=math.inf)
-    rim = math.asin(min(emitter.half_width / nearest, 1.0)) if emitter.half_width > 0.0 else 0.0
+    rim = 0.0
+    if emitter.half_width > 0.0 and len(receivers):
+        rim = math.asin(min(emitter.half_width / np.median(distances_of_boxes(emitter, receivers)), 1.0))
     widest = math.acos(emitter.cos_cone) + rim
     return math.tan(widest) if widest < math.atan(WIDEST_TANGENT) else WIDEST_TANGENT
 

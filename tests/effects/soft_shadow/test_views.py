@@ -120,6 +120,19 @@ def test_what_is_close_to_a_spot_or_a_point_widens_their_windows():
         assert all(max(map(abs, view.window)) < 1.6 for _, view in views_of(emitter, far)[0])
 
 
+def test_a_bit_of_wall_at_a_spot_does_not_spread_its_texels():
+    """Its rim lights that bit by a wide angle, and hardly any of it; far more is to be seen far away. So
+    there is no second, wider map."""
+    spot = lamp(EmitterKind.FACING_DISK, half=(0.1, 0.1), cos_cone=np.cos(np.radians(45.0)))
+    ground = np.array([[[x, -2.0, 0.0], [x + 1.0, 2.0, 0.1]] for x in range(-4, 4)])
+    wall = np.array([[[0.05, -0.05, 3.9], [0.15, 0.05, 4.1]]])
+    board = np.array([[-3.0, -3.0, 2.9], [3.0, 3.0, 3.0]])
+    alone, _ = views_of(spot, board, region=ground)
+    beside, _ = views_of(spot, board, region=np.concatenate([ground, wall]))
+    assert len(alone) == len(beside) == 1
+    assert max(map(abs, beside[0][1].window)) < 1.05 * max(map(abs, alone[0][1].window))
+
+
 def test_penumbras_of_casters_beside_the_receivers_are_kept():
     # A caster just outside the receivers' cone still hides part of a wide light.
     region = np.array([[[0.0, -0.1, 0.0], [0.2, 0.1, 0.0]]])
