@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Set
 
-from .effect import Effect, LayerKind, Need, Offer
+from .effect import Effect, LayerKind, Need, Offer, Reduce
 from .graph import Graph, LeftOut, Node, PlannedLayer, Step
 from .naming import lamp_pass_name, layer_name, named_some
 from .outline import Outline
@@ -97,11 +97,15 @@ class Recorder:
         of: Of | None = None,
         casters: frozenset[int] = frozenset(),
         depth: Node | None = None,
+        weight: Node | None = None,
     ) -> None:
         """Declares an image made by `node`; `of`: which lamp or object, of a kind that is of one; `casters`
-        are the instances that its reference has to trace; `depth`: how far away an OVER layer is, metres."""
+        are the instances that its reference has to trace; `depth`: how far away an OVER layer is, metres;
+        `weight`: what samples weigh, of a kind that is WEIGHTED."""
         if not self._meets(kind.needs):
             raise ValueError(f"'{kind.title}' needs what the shot has not")
+        if (kind.reduce is Reduce.WEIGHTED) != (weight is not None):
+            raise ValueError(f"'{kind.title}' is weighted by a node if it says so, and else by none")
         of = of or Of(kind.of)
         if self.effect and not (of.index in self.lamps if of.is_lamp else self._wants_others):
             return
@@ -125,6 +129,7 @@ class Recorder:
             light,
             of,
             casters,
+            weight=weight,
             depth=depth,
             joins=self._joins(kind, of),
         )

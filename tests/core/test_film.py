@@ -10,6 +10,7 @@ from strata.addon.core.effect import LayerKind, Reduce
 from strata.addon.core.executor import Executor
 from strata.addon.core.film import Film, takes_of
 from strata.addon.core.graph import Node, PlannedLayer, Rate, Step
+from strata.addon.core.recorder import plan
 from strata.addon.core.sampling import Sampling
 from strata.addon.core.shot import PixelFilter
 from strata.addon.core.surface import Chunk
@@ -129,6 +130,24 @@ def test_a_weighted_layer_is_weighed_by_its_node(scene, tile_pixels):
         expected = np.where(found["near"] > 0.0, found["product"] / found["near"], found["Depth"])
     assert 0.0 < (found["near"] > 0.0).mean() < 1.0
     assert np.allclose(found["Weighted"], expected, rtol=1e-6)  # sums and means round apart
+
+
+def test_an_effect_gives_its_weighted_layer_a_weight(scene):
+    outline, device = scene
+    depth = depth_graph(outline)
+    node, kind = depth.layers[0].node, LayerKind("Weighted", "V", reduce=Reduce.WEIGHTED)
+    ones = Node(Step("ones", cpu=lambda device, depth: np.ones_like(depth)), "", (node,), {})
+
+    def record(recorder, outline):
+        recorder.surface(depth.surface, "depth")
+        recorder.layer(kind, node, weight=ones)
+        with pytest.raises(ValueError, match="weighted by a node"):
+            recorder.layer(kind, node)
+        with pytest.raises(ValueError, match="weighted by a node"):
+            recorder.layer(LayerKind("Plain", "V"), node, weight=ones)
+
+    found = images(plan(outline, depth.shot, {}, record), device, 2)["Weighted"]
+    assert np.allclose(found, images(depth, device, 2)["Depth"], rtol=1e-6)  # sums and means round apart
 
 
 def test_a_preview_develops_what_it_has_so_far(scene):
