@@ -265,8 +265,7 @@ class BakeJob:
         outline, options, graph = self.outline, self.options, self.graphs[number]
         later, sampling = self.graphs[number + 1 :], sampling_of(graph, options)
         groups, self.memory = groups_of(outline, graph, options, self._held)
-        if self.memory.shortage:
-            self._warnings.append(self.memory.shortage)
+        shortage = [self.memory.shortage] if self.memory.shortage else []
         cancelled = (*self.devices.primary.cancelled, *self.devices.fallback.cancelled)
         self._measuring = None
         if options.probes != 0 and graph.shot.has_eye:  # probes lie along view rays
@@ -303,7 +302,7 @@ class BakeJob:
             seconds=seconds,
             look_seconds=self._look_seconds[number],
             memory=self.memory,
-            warnings=[*self._warnings, *execution.warnings],
+            warnings=[*self._warnings, *shortage, *execution.warnings],
             sequence=self.sequence,
             missing=missing,
             has_picture=options.composite,

@@ -293,3 +293,17 @@ def test_shots_of_one_job_share_what_no_camera_changes():
         assert [each.name for each in alone.layers.layers] == [each.name for each in baked.layers.layers]
         for one, other in zip(alone.layers.layers, baked.layers.layers, strict=True):
             assert np.array_equal(one.pixels, other.pixels)
+
+
+def test_a_shot_is_not_warned_of_what_another_takes():
+    outline, arrays = scene_of([FLOOR, PLATE], [lamp()])
+    larger = replace(FROM_ABOVE, name="Larger", source=Raster(FROM_ABOVE.source.camera, (480, 320)))
+    shots = FROM_ABOVE, larger
+    options = Options(("soft_shadow",), "cpu", 1, 0, memory_bytes=1)
+    graphs = [plan_scene(outline, shot, options) for shot in shots]
+    warnings = [
+        baked.layers.report["warnings"] for baked in BakeJob(outline, graphs, arrays, options).results()
+    ]
+    assert [len(each) for each in warnings] == [1, 1]
+    assert all("over its budget" in each for (each,) in warnings)
+    assert warnings[0] != warnings[1]
