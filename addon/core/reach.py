@@ -33,7 +33,8 @@ def fitted(sampling: Sampling, nodes: Iterable[Node]) -> Sampling:
 def margins_of(graph: Graph, takes: Iterable[Take]) -> dict[Node, tuple[int, ...]]:
     """Of each node made sample by sample, how many pixels around a tile are wanted of it: the most first, and
     what each of its readers wants. Films want no more than the tile; a reader wants as much as is wanted of
-    itself and its reach."""
+    itself and its reach. Raises ValueError where a step reads neighbours beyond an image that ends at its
+    border: a finished one, or what a step made of all of a sample's."""
     wanted: dict[Node, set[int]] = {}
     for take in takes:
         wanted.setdefault(take.node, set()).add(0)
@@ -43,6 +44,8 @@ def margins_of(graph: Graph, takes: Iterable[Take]) -> dict[Node, tuple[int, ...
         wanted.setdefault(graph.surface, set()).add(0)  # a collector's
     for node in reversed(graph.nodes()):
         reach = reach_of(node)
+        if (node.rate == Rate.PICTURE and reach) or (node.step.reach == WHOLE and any(wanted.get(node, ()))):
+            raise ValueError(f"step '{node.step.name}' is of whole images: there is nothing around them")
         for item in node.inputs:
             if item.rate == node.rate == Rate.SAMPLE:
                 wanted.setdefault(item, set()).update(margin + reach for margin in wanted[node])

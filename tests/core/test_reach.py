@@ -126,3 +126,18 @@ def test_a_step_that_reads_a_whole_image_gets_it_or_is_left_out():
     assert fewer.layers == layers[:1]
     assert [(each.what, each.effect) for each in fewer.left_out] == [("Share", "test")]
     assert "over the budget of 1 MB" in fewer.left_out[0].reason
+
+
+@pytest.mark.parametrize("more", [{"reach": WHOLE}, {"rate": Rate.PICTURE}], ids=["whole", "finished"])
+def test_nothing_is_read_around_a_whole_image(more):
+    """It would be made of other pixels than where nobody reads around it, or be too small."""
+    made = graph()
+    node = Node(Step("all", cpu=lambda _, surface: surface["depth"], **more), "", (made.surface,), {})
+    read = Node(Step("held", cpu=lambda _, depth: {"depth": depth}), "", (node,), {})
+    for each, is_refused in ((read, False), (Node(AROUND, "", (read,), {}), True)):
+        chosen = replace(made, layers=(PlannedLayer("All", "test", each, LayerKind("All", "Z")),))
+        if is_refused:
+            with pytest.raises(ValueError, match="there is nothing around"):
+                margins_of(chosen, takes_of(chosen))
+        else:
+            margins_of(chosen, takes_of(chosen))
