@@ -99,7 +99,7 @@ def distances_of_boxes(emitter: Emitter, boxes: np.ndarray) -> np.ndarray:
 def _lit_tangent(emitter: Emitter, receivers: np.ndarray) -> float:
     """The slope from the light's axis within which there are receivers: outside its cone a spot's rim still
     lights some. By how wide an angle is told from their middle distance: by that of the nearest the map of a
-    lantern at a wall would spread its texels over a half space, for a few points that get hardly any light."""
+    lantern at a wall would spread its texels over a half space, for a few points with hardly any light."""
     if emitter.kind not in ROUND_KINDS:
         return WIDEST_TANGENT
     rim = 0.0
