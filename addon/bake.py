@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,138 +13,27 @@ import numpy as np
 
 from .baked import Baked, put_together
 from .core.arrays import Arrays
-from .core.effect import Effect, Offer, Registry
-from .core.errors import Cancelled, StrataError
+from .core.errors import Cancelled
 from .core.execution import Execution
 from .core.executor import Executor
-from .core.free_memory import free_bytes, give_back, held_bytes
+from .core.free_memory import give_back, held_bytes
 from .core.graph import Graph, PlannedLayer
-from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups, without_too_large
+from .core.memory import MemoryEstimate
 from .core.outline import Outline
 from .core.progress import Forecast
-from .core.reach import fitted
-from .core.recorder import plan
-from .core.roles import Role
-from .core.sampling import Sampling
 from .core.sequence import SequenceLayer, with_neutral
-from .core.shot import Shot
 from .core.slices import timed
 from .core.surface import Chunk
 from .devices.start import Devices, start_devices
-from .effects.registry import EFFECTS
-from .effects.shared import composite, lit
 from .effects.shared.look import look
 from .measure.budget import MeasuringOutlook
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured
 from .measuring import Measuring, unless_cancelled
+from .planning import Options, groups_of, plan_scene, sampling_of
 
 SHOWING_SECONDS = 0.05  # between two looks at how long it still takes
 FIRST_TOLD_SHARE = 0.02  # done of a bake before anything is said of what is left
-
-
-@dataclass(frozen=True)
-class Options:
-    """How to bake. `effects`: ids, None for those on by default; `values`: parameter values by effect id and
-    name; `samples` jittered surfaces a pixel; `probes` points to measure the error at, 0 for none, None
-    for at most 2048 and so few that measuring takes 15% of the bake; `lights`: names of the lamps whose
-    layers are wanted, None for all layers; `lit` also
-    makes each light's unshadowed image, and `composite` the picture of the whole; `memory_bytes` are what it
-    may take beside what Blender has, 0: half of what is free, or less where more is of no use; `providers`:
-    the effect to take a role from, where several offer it and a lamp asks for none; `keeps_unused` also makes
-    their layers that the picture does not take; `registry`: the effects that there are."""
-
-    effects: tuple[str, ...] | None = None
-    backend: str = "auto"
-    samples: int = 8
-    probes: int | None = None
-    values: dict[str, dict[str, Any]] = field(default_factory=dict)
-    seed: int = 0
-    lights: tuple[str, ...] | None = None
-    lit: bool = False
-    composite: bool = False
-    memory_bytes: int = 0
-    providers: dict[Role, str] = field(default_factory=dict)
-    keeps_unused: bool = False
-    registry: Registry = EFFECTS
-
-    def __post_init__(self):
-        if self.memory_bytes < 0:
-            raise StrataError(f"memory: {self.memory_bytes} bytes are less than 0")
-        if self.samples < 1:
-            raise StrataError(f"samples: {self.samples} is less than 1")
-        if self.probes is not None and self.probes < 0:
-            raise StrataError(f"probes: {self.probes} is less than 0")
-        for effect_id, values in self.values.items():
-            self.registry.named(effect_id).params.checked(effect_id, values)
-
-    def chosen(self) -> dict[Effect, Any]:
-        """The effects to run with their parameters."""
-        if self.effects is None:
-            effects = tuple(effect for effect in self.registry if effect.on_by_default)
-        else:
-            effects = tuple(self.registry.named(name) for name in self.effects)
-        return {effect: self._params_of(effect) for effect in effects}
-
-    def wants(self, name: str, pass_name: str) -> bool:
-        """Whether a lamp's layers are to be made."""
-        return self.lights is None or name in self.lights or pass_name in self.lights
-
-    def offers(self) -> dict[Role, tuple[Offer, ...]]:
-        """What chosen effects offer, that of `providers` first; what none of them offers, from that of
-        `providers` too, or else from the first that does."""
-        chosen = self.chosen()
-        found: dict[Role, list[Offer]] = {}
-        for effect in sorted(self.registry, key=lambda effect: effect not in chosen):
-            for role, record in effect.offers.items():
-                offers = found.setdefault(role, [])
-                is_wanted = self.providers.get(role) == effect.id
-                is_open = not any(offer.is_chosen for offer in offers)
-                if effect in chosen or not offers or (is_wanted and is_open):
-                    offer = Offer(effect, self._params_of(effect), record, effect in chosen)
-                    offers.insert(0 if is_wanted else len(offers), offer)
-        return {role: tuple(offers) for role, offers in found.items()}
-
-    def _params_of(self, effect: Effect) -> Any:
-        return effect.params.checked(effect.id, self.values.get(effect.id, {}))
-
-
-def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
-    """What would run, what is left out, and why."""
-    more = [composite.record if options.composite else composite.leave_out]
-    more += [lit.record] * options.lit
-    lamps = None
-    if options.lights is not None:
-        lights = enumerate(outline.lights)
-        lamps = tuple(index for index, light in lights if options.wants(light.name, light.pass_name))
-    graph = plan(
-        outline,
-        shot,
-        options.chosen(),
-        *more,
-        offers=options.offers(),
-        lamps=lamps,
-        keeps_unused=options.keeps_unused,
-    )
-    return without_too_large(graph, outline, sampling_of(graph, options), _budget_bytes(options))
-
-
-def sampling_of(graph: Graph, options: Options) -> Sampling:
-    shot = graph.shot
-    return fitted(Sampling(*shot.computed_size, options.samples, shot.pixel_filter), graph.nodes())
-
-
-def _budget_bytes(options: Options) -> int:
-    return options.memory_bytes or free_bytes() // 2
-
-
-def groups_of(
-    outline: Outline, graph: Graph, options: Options, held: int
-) -> tuple[tuple[Graph, ...], MemoryEstimate]:
-    """The graph in graphs that fit into the memory there is, and what a bake takes beside the `held` bytes
-    that the process had before."""
-    room = None if options.memory_bytes else ROOM_BYTES
-    return in_groups(graph, outline, sampling_of(graph, options), _budget_bytes(options), held, room)
 
 
 class BakeJob:

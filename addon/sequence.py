@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from .bake import Options, plan_scene
 from .core.effect import Effect, LayerKind, Registry
 from .core.emitter import EmitterKind
 from .core.errors import StrataError
@@ -15,6 +14,7 @@ from .core.naming import layer_name
 from .core.outline import Light, Outline, emitter_measure
 from .core.roles import Subject
 from .core.sequence import SequenceLayer
+from .planning import Options, plan_scene
 
 STAGE = "Looking which layers the sequence needs"
 

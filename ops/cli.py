@@ -165,7 +165,7 @@ def _camera(chosen):
 
 
 def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
-    from ..addon.bake import Options
+    from ..addon.planning import Options
     from ..addon.ui.properties import options_of
     from .planning import described_plan, plan_lines, read_plan
 
@@ -220,8 +220,8 @@ def _sequences(arguments: argparse.Namespace, chosen, options_of, interrupts: In
 
 
 def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
-    from ..addon.bake import Options
     from ..addon.layers.exr import check_codec
+    from ..addon.planning import Options
     from ..addon.ui.properties import exr_of, options_of
 
     given = {name: getattr(arguments, name) for name in ("effects", "backend", "samples", "probes", "seed")}

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ..addon.bake import BakeJob, Options, groups_of, plan_scene
+from ..addon.bake import BakeJob
 from ..addon.core.free_memory import held_bytes
 from ..addon.core.graph import Graph
 from ..addon.core.memory import MemoryEstimate
@@ -15,6 +15,7 @@ from ..addon.core.outline import Outline
 from ..addon.core.sequence import SequenceLayer, with_neutral
 from ..addon.layers.exr_params import ExrParams
 from ..addon.layers.files import free_on_disk
+from ..addon.planning import Options, groups_of, plan_scene
 
 
 def read_plan(

@@ -8,9 +8,9 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from ..bake import Options
 from ..core.errors import StrataError, one_line, told_once
 from ..core.naming import ENGINE_ID
+from ..planning import Options
 from ..scene.viewport import hides_objects, placement_of
 from ..ui.preview_settings import frame_budget_ms_of
 from ..ui.properties import options_of

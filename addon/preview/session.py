@@ -9,7 +9,6 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..bake import Options, plan_scene
 from ..core.arrays import Arrays, reusing
 from ..core.culling import around
 from ..core.effect import Effect
@@ -20,6 +19,7 @@ from ..core.outline import Light, Outline
 from ..core.shot import Shot
 from ..devices.start import Devices, start_devices
 from ..effects.shared.look import seen_boxes
+from ..planning import Options, plan_scene
 from ..scene.extract import extract
 from ..scene.rescan import Changes, patched
 from ..scene.scan import Scan, ScanOptions, scan

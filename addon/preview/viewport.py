@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from ..bake import Options
 from ..core.effect import Reduce
 from ..core.execution import Execution
 from ..core.film import Film, takes_of
@@ -18,6 +17,7 @@ from ..core.graph import Graph, PlannedLayer, Rate
 from ..core.reach import fitted
 from ..core.sampling import Sampling
 from ..core.surface import Chunk
+from ..planning import Options
 from ..scene.viewport import Placement
 from .budget import Budget
 from .estimate import resolution_noise, sampling_noise

@@ -10,12 +10,12 @@ from typing import Any
 
 import bpy
 
-from ..bake import Options
 from ..core.effect import Effect
 from ..core.params import Colour, Lamp, ParamSpec, in_words
 from ..core.ramp import Ramp
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
+from ..planning import Options
 from ..scene.own_settings import OWNERS, own_specs, value_of
 from . import migration, preferences
 from .boxes import box, box_name

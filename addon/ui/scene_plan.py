@@ -14,9 +14,9 @@ from typing import Any
 
 import bpy
 
-from ..bake import groups_of, plan_scene
 from ..core.errors import StrataError, one_line
 from ..core.free_memory import held_bytes
+from ..planning import groups_of, plan_scene
 from ..scene.render_visibility import rendered_objects, told_hidden
 from ..scene.rescan import Changes, patched
 from ..scene.scan import Scan, ScanOptions, TooLong, raster_of, scan

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from strata.addon.bake import Baked, Options, bake
+from strata.addon.bake import Baked, bake
 from strata.addon.core.metrics import maximum, quantile
+from strata.addon.planning import Options
 from strata.tests.support.figures import weighted_bias, weighted_rmse
 
 from . import cycles, methods, scenes

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import strata_kernels
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
+from strata.addon.planning import Options
 
 from . import cycles
 from .scenes import read

@@ -24,7 +24,8 @@ MAP_SIDE = 1024
 
 MEMORY_SCRIPT = """
 import sys, bpy
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
+from strata.addon.planning import Options
 bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
 scene = bpy.context.scene
 size = (int(sys.argv[2]), int(sys.argv[3]))
@@ -128,7 +129,8 @@ def large_meshes(scene, repeats: int, size=(1920, 1080)) -> list[Goal]:
 
 def gpu_and_cpu(scene, repeats: int) -> Goal:
     """A whole bake on Blender's GPU module (in software, here) and on the kernels."""
-    from strata.addon.bake import Options, bake
+    from strata.addon.bake import bake
+    from strata.addon.planning import Options
 
     what, goal = "bake on the GPU module over the CPU kernels", "5x"
     try:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
-from strata.addon.bake import Baked, Options, bake
+from strata.addon.bake import Baked, bake
+from strata.addon.planning import Options
 
 from .document import significant, table, times
 from .machine import interleaved

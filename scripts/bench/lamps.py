@@ -9,7 +9,8 @@ import sys
 from dataclasses import dataclass
 
 import bpy
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
+from strata.addon.planning import Options
 
 from .document import significant, table, times
 

@@ -20,10 +20,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 import strata_kernels
-from strata.addon.bake import Options, plan_scene
 from strata.addon.core.arrays import MeshArrays
 from strata.addon.devices.gpu import GpuDevice
 from strata.addon.devices.gpu_meshes import GpuMeshes
+from strata.addon.planning import Options, plan_scene
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.scan import ScanOptions, scan
 from strata.scripts.bench.document import ROOT, milliseconds, significant, table, times, write_block

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from statistics import median
 
-from strata.addon.bake import BakeJob, Options, read_scene
+from strata.addon.bake import BakeJob, read_scene
+from strata.addon.planning import Options
 
 from .document import milliseconds, table
 

@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import strata_kernels
-from strata.addon.bake import Options, bake, read_scene
+from strata.addon.bake import bake, read_scene
 from strata.addon.core.executor import Executor
 from strata.addon.core.surface import Chunk
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared.steps import SURFACE
 from strata.addon.effects.volumetric_light.lattice import lattice_of
+from strata.addon.planning import Options
 
 from . import airlight, cycles
 from .document import significant, table, times

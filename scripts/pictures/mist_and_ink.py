@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 from PIL import Image
-from strata.addon.bake import BakeJob, Options, read_scene
+from strata.addon.bake import BakeJob, read_scene
+from strata.addon.planning import Options
 from strata.scripts.bench.document import ROOT
 from strata.scripts.bench.scenes import open_sample
 from strata.scripts.pictures.contact_sheet import developed

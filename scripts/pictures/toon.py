@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from PIL import Image, ImageDraw
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
+from strata.addon.planning import Options
 from strata.scripts.bench.document import ROOT
 from strata.scripts.bench.scenes import open_sample
 from strata.scripts.pictures.contact_sheet import label_font, srgb

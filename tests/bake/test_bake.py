@@ -7,9 +7,10 @@ import json
 import bpy
 import numpy as np
 import pytest
-from strata.addon.bake import BakeJob, Options, bake, read_scene
+from strata.addon.bake import BakeJob, bake, read_scene
 from strata.addon.core.errors import Cancelled, StrataError
 from strata.addon.measure.visibility import VisibilityScore
+from strata.addon.planning import Options
 from strata.addon.scene.open import choose, open_blend
 from strata.tests.support.places import SAMPLES, scene_files
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from strata.addon.bake import Baked, BakeJob, Options, plan_scene
+from strata.addon.bake import Baked, BakeJob
 from strata.addon.core.arrays import Arrays
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.errors import Cancelled, StrataError
@@ -22,6 +22,7 @@ from strata.addon.effects.soft_shadow.run import needed
 from strata.addon.measure.probes import ProbeCollector
 from strata.addon.measure.report import LayerError, NotMeasured, format_table
 from strata.addon.measuring import Measuring
+from strata.addon.planning import Options, plan_scene
 from strata.tests.measure.scenes import random_scene, shot_of
 from strata.tests.support.flat_scenes import DOWN, FLOOR, PLATE, lamp, scene_of
 

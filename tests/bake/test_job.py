@@ -8,10 +8,11 @@ from types import SimpleNamespace
 
 import pytest
 import strata_kernels
-from strata.addon.bake import SHOWING_SECONDS, BakeJob, Options, read_scene
+from strata.addon.bake import SHOWING_SECONDS, BakeJob, read_scene
 from strata.addon.core.errors import Cancelled, StrataError
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.job import Runner, run_to_end
+from strata.addon.planning import Options
 from strata.addon.scene.open import choose, open_blend
 from strata.tests.support.places import SAMPLES
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
 from strata.addon.core.errors import StrataError
 from strata.addon.core.executor import Executor
 from strata.addon.core.film import Film
@@ -18,6 +18,7 @@ from strata.addon.core.memory import MEBIBYTE, MemoryEstimate, in_groups
 from strata.addon.core.sampling import Sampling
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.registry import EFFECTS
+from strata.addon.planning import Options
 from strata.ops.arguments import build_parser, memory
 from strata.tests.bake.street import street
 from strata.tests.support.executing import SHOT, depth_graph, drain, tilted_quad_scene
@@ -73,7 +74,8 @@ def test_errors_are_measured_alike_in_groups():
 
 BAKE = """
 import json
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
+from strata.addon.planning import Options
 {scene}
 options = Options(backend="cpu", samples={samples}, probes={probes}, effects={effects}, memory_bytes={budget})
 baked = bake(scene, scene.view_layers[0], options, size=(320, 180))
@@ -180,7 +182,8 @@ def test_a_map_that_is_too_large_is_one_line_and_no_abort():
     code = (
         CRAMPED
         + """
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
+from strata.addon.planning import Options
 from strata.addon.core.errors import StrataError
 values = {"soft_shadow": {"resolution": 4096, "layers": 8}}
 options = Options(effects=("soft_shadow",), backend="cpu", samples=1, probes=0, values=values)

@@ -8,11 +8,12 @@ import sys
 
 import numpy as np
 import pytest
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
 from strata.addon.core.errors import StrataError
 from strata.addon.devices import gpu as gpu_module
 from strata.addon.devices import gpu_shader
 from strata.addon.devices.gpu import GpuDevice
+from strata.addon.planning import Options
 from strata.addon.scene.open import choose, open_blend
 from strata.tests.support.gpu_scenes import gpu_device
 from strata.tests.support.places import SAMPLES

@@ -8,10 +8,11 @@ from importlib import import_module
 import bpy
 import numpy as np
 import pytest
-from strata.addon.bake import BakeJob, Options, plan_scene, read_scene
+from strata.addon.bake import BakeJob, read_scene
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.graph import Node, Step
 from strata.addon.core.outline import Instances
+from strata.addon.planning import Options, plan_scene
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.scan import ScanOptions, scan
 from strata.tests.support.places import SAMPLES

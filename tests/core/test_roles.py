@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from strata.addon.bake import Options, plan_scene
 from strata.addon.core.effect import Effect, LayerKind
 from strata.addon.core.roles import Of, Role, Subject
+from strata.addon.planning import Options, plan_scene
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.scan import scan
 from strata.tests.support.places import SAMPLES

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import strata_kernels
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
 from strata.addon.core.surface import SurfacePoints
 from strata.addon.devices.cpu import CpuRays
 from strata.addon.effects.shared.visibility_truth import evaluate
+from strata.addon.planning import Options
 from strata.scripts.bench import airlight, cycles, scenes
 from strata.scripts.bench.methods import surface_of
 from strata.tests.support.figures import weighted_bias, weighted_rmse

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from strata.addon.bake import BakeJob, Options, plan_scene
+from strata.addon.bake import BakeJob
 from strata.addon.core.effect import Need
 from strata.addon.core.errors import StrataError
 from strata.addon.core.shot import Camera, Chart, Raster, Shot
 from strata.addon.core.surface import ATTRIBUTES, Chunk
 from strata.addon.devices.cpu import CpuDevice
+from strata.addon.planning import Options, plan_scene
 from strata.tests.support.flat_scenes import DOWN, FLOOR, PLATE, lamp, scene_of
 from strata.tests.support.gpu_scenes import gpu_device
 from strata.tests.support.tiny_effects import LENS, LENS_STEP, registry

@@ -9,12 +9,12 @@ from typing import Any
 
 import bpy
 import pytest
-from strata.addon.bake import Options, plan_scene
 from strata.addon.core.conditions import ALWAYS, OneOf, When, both
 from strata.addon.core.params import Colour, ParamSpec
 from strata.addon.core.ramp import Ramp
 from strata.addon.effects.registry import EFFECTS
 from strata.addon.layers.exr_params import ExrParams
+from strata.addon.planning import Options, plan_scene
 from strata.addon.scene.open import open_blend
 from strata.addon.scene.own_settings import OWNERS, own_specs
 from strata.addon.scene.render_depsgraph import with_render_depsgraph

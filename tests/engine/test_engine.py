@@ -11,10 +11,11 @@ import numpy as np
 import OpenEXR
 import pytest
 import strata
-from strata.addon.bake import BakeJob, Options, read_scene
+from strata.addon.bake import BakeJob, read_scene
 from strata.addon.core.errors import Cancelled
 from strata.addon.engine import compatible_panels, material_preview
 from strata.addon.engine.engine import StrataRenderEngine
+from strata.addon.planning import Options
 from strata.addon.scene.open import choose, open_blend
 from strata.ops.cli import main
 from strata.tests.support.exr_layers import read_layers

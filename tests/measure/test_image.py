@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from strata.addon import bake as baking
+from strata.addon.bake import BakeJob
 from strata.addon.core.effect import Effect, LayerKind, Registry
 from strata.addon.core.graph import Step
 from strata.addon.core.metrics import maximum, quantile
@@ -17,6 +17,7 @@ from strata.addon.core.params import Params, param
 from strata.addon.effects.shared import steps as shared
 from strata.addon.measure.image import LightScore, MaskScore, WatchedImage, _checked
 from strata.addon.measure.report import LayerError
+from strata.addon.planning import Options, plan_scene
 from strata.tests.measure import images as made
 from strata.tests.measure.scenes import random_scene, shot_of
 
@@ -195,11 +196,9 @@ def baked(gain: float, samples: int, effect: Effect = GLOW) -> dict:
     """Reports by layer of the effect on a random scene, of which a third shows no surface."""
     outline, arrays = random_scene(0)
     values = {"glow": {"gain": gain}} if gain != 1.0 else {}
-    options = baking.Options(
-        backend="cpu", samples=samples, probes=512, values=values, registry=Registry((effect,))
-    )
-    graph = baking.plan_scene(outline, shot_of(0), options)
-    result = baking.BakeJob(outline, graph, arrays, options).result()
+    options = Options(backend="cpu", samples=samples, probes=512, values=values, registry=Registry((effect,)))
+    graph = plan_scene(outline, shot_of(0), options)
+    result = BakeJob(outline, graph, arrays, options).result()
     return {layer["name"]: layer for layer in result.layers.report["layers"]}
 
 

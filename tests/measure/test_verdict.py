@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
 from strata.addon.effects.soft_shadow.params import SoftShadowParams
 from strata.addon.effects.toon.params import ToonParams
 from strata.addon.effects.volumetric_light.params import VolumetricLightParams
@@ -23,6 +23,7 @@ from strata.addon.measure.verdict import (
     worded,
 )
 from strata.addon.measure.visibility import VisibilityScore
+from strata.addon.planning import Options
 from strata.addon.preview import caption
 from strata.addon.preview.viewport import Statistics
 from strata.addon.scene.open import choose, open_blend

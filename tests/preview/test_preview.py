@@ -7,7 +7,8 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
+from strata.addon.planning import Options
 from strata.addon.preview import caption
 from strata.addon.preview.budget import Budget
 from strata.addon.preview.session import Session

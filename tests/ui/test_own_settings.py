@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import bpy
-from strata.addon.bake import Options, read_scene
+from strata.addon.bake import read_scene
+from strata.addon.planning import Options
 from strata.addon.scene.open import open_blend
 from strata.tests.support.places import SAMPLES
 

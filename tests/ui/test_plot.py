@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from strata.addon.bake import Options, plan_scene, read_scene
+from strata.addon.bake import read_scene
 from strata.addon.measure.report import LayerError, NotMeasured
+from strata.addon.planning import Options, plan_scene
 from strata.addon.scene.open import choose
 from strata.addon.ui import plot
 from strata.addon.ui.state import STATE, Mark

@@ -7,7 +7,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
 from strata.addon.core.effect import LayerKind
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.graph import Step
@@ -17,6 +17,7 @@ from strata.addon.core.roles import Role
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared import composite, lit
 from strata.addon.effects.shared.joins import Join
+from strata.addon.planning import Options
 from strata.addon.scene.open import choose, open_blend
 from strata.tests.support.executing import SHOT, tilted_quad_scene
 from strata.tests.support.gpu_scenes import gpu_device

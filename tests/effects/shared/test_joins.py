@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared import lit
 from strata.addon.effects.shared.joins import Join
+from strata.addon.planning import Options
 from strata.addon.scene.open import choose, open_blend
 from strata.tests.support.gpu_scenes import gpu_device
 from strata.tests.support.places import SAMPLES

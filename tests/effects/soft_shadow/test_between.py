@@ -6,7 +6,8 @@ import bpy
 import numpy as np
 import pytest
 import strata_kernels as kernels
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
+from strata.addon.planning import Options
 from strata.tests.effects.soft_shadow.scenes import GROUND, HIGH, LOW, UP, Stage, ground_points, lamp
 from strata.tests.support import closed_forms
 

@@ -3,10 +3,11 @@
 import bpy
 import numpy as np
 import pytest
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.effects.soft_shadow import sun_views
 from strata.addon.effects.soft_shadow.views import light_views
+from strata.addon.planning import Options
 
 DOWN = Emitter(
     EmitterKind.DISTANT_DISK,

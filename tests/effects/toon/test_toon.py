@@ -7,8 +7,9 @@ import math
 import bpy
 import numpy as np
 import pytest
-from strata.addon.bake import Options, bake, read_scene
+from strata.addon.bake import bake, read_scene
 from strata.addon.core.ramp import Ramp
+from strata.addon.planning import Options
 from strata.addon.ui import properties
 from strata.addon.ui.properties import fill_ramp
 from strata.tests.effects.toon.mask_errors import edge_errors

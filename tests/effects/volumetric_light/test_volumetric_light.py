@@ -8,10 +8,11 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Vector
-from strata.addon.bake import Options, bake, read_scene
+from strata.addon.bake import bake, read_scene
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.outline import Light
 from strata.addon.effects.volumetric_light.sources import sources_of
+from strata.addon.planning import Options
 from strata.addon.scene.volumes import volume_of
 from strata.tests.effects.volumetric_light import airlight_truth as truth
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from strata.addon.bake import Options, bake
+from strata.addon.bake import bake
 from strata.addon.layers.compositor import build
 from strata.addon.layers.exr import write_layers
+from strata.addon.planning import Options
 from strata.tests.layers.compositor.scene import COMBINED, GROUP, SIZE, composited, lamps
 from strata.tests.support.tiny_effects import GOBO, HALF_SHADOW, registry
 
