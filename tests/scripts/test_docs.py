@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from strata.addon.effects.registry import EFFECTS
@@ -61,6 +62,17 @@ def test_files_that_are_named_anywhere_are_there():
         ):
             made = named.startswith("docs/effects/") or "/distance_fade/" in named  # the guide's own effect
             assert made or (ROOT / named).exists(), f"{file}: {named}"
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_files_that_a_document_calls_by_their_last_name_are_there(document):
+    listing = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True).stdout.split()
+    there = {Path(file).name for file in listing}
+    for named in re.findall(r"`([\w/]+\.(?:py|rs|glsl))`", (ROOT / document).read_text(encoding="utf-8")):
+        of_guide = "distance_fade" in named
+        assert of_guide or not there or Path(named).name in there, (
+            f"{document}: {named}"
+        )  # none in an archive
 
 
 def test_pages_for_a_browser_link_to_each_other():
