@@ -58,7 +58,7 @@ def put_together(
         own_look = look_seconds if len(own) == 1 else 0.0
         costs[layer.name] = (
             own_look + execution.seconds(own[layer.name]),
-            look_seconds + execution.seconds(graph.nodes([layer.node]), chunks),
+            look_seconds + execution.seconds(graph.nodes(layer.roots), chunks),
         )
         error = errors[layer.name].to_json() if layer.name in errors else {}
         params = chosen[layer.effect]
@@ -136,7 +136,7 @@ def _own_nodes(graph: Graph) -> dict[str, list]:
     """By layer, the nodes that no other layer of the file reads."""
     layers = [layer for layer in graph.layers if layer.effect]
     readers: dict[str, int] = {}
-    below = {layer.name: graph.nodes([layer.node]) for layer in layers}
+    below = {layer.name: graph.nodes(layer.roots) for layer in layers}
     for nodes in below.values():
         for node in nodes:
             readers[node.key] = readers.get(node.key, 0) + 1

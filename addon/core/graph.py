@@ -180,6 +180,11 @@ class PlannedLayer:
     is_whole: bool = True
 
     @property
+    def roots(self) -> tuple[Node, ...]:
+        """All that it is made of."""
+        return (self.node,) if self.weight is None else (self.node, self.weight)
+
+    @property
     def channels(self) -> str:
         """One letter each, "V" or "RGBA"."""
         return self.kind.channels
@@ -213,7 +218,7 @@ class Graph:
         """Every node below `roots` (the layers', if None), inputs before users, each once."""
         order: dict[Node, None] = {}
         if roots is None:
-            roots = [node for layer in self.layers for node in (layer.node, layer.weight) if node]
+            roots = [node for layer in self.layers for node in layer.roots]
         for root in roots:
             for node in _depth_first(root, order):
                 order[node] = None

@@ -115,8 +115,8 @@ def without_too_large(graph: Graph, outline: Outline, sampling: Sampling, budget
         return graph
     whole, kept, left_out = fitted(sampling, graph.nodes()), [], list(graph.left_out)
     for layer in graph.layers:
-        unit, needed = _Unit(layer, None, (layer.node,)), 0
-        if reads_whole(graph.nodes([layer.node])):
+        unit, needed = _Unit(layer, None, layer.roots), 0
+        if reads_whole(graph.nodes(layer.roots)):
             sizes = _Sizes(replace(graph, layers=(layer,)), outline, whole)
             needed = sizes.shared + sizes.image(layer) + sizes.tiles(unit)
         if needed <= budget:
@@ -144,7 +144,7 @@ def _units(graph: Graph) -> list[_Unit]:
     for layer in graph.layers:
         node = layer.node
         if layer.effect or layer.of.is_lamp or node.step.sum is None:
-            units.append((lamps[node.key], _Unit(layer, None, (node,))))
+            units.append((lamps[node.key], _Unit(layer, None, layer.roots)))
             continue
         terms = node.step.sum.terms(node)
         own = {item for items in terms for item in items}
@@ -239,7 +239,11 @@ class _Sizes:
         return self._sampling.width * self._sampling.height * NUMBER_BYTES * len(layer.channels)
 
     def tiles(self, unit: _Unit) -> int:
-        """Of what passes by at the surface, and of the sums of squares."""
+        """Of what passes by at the surface, and of sums beside that of the samples: of squares, of weights
+        and what they weigh."""
         channels = LIVE_VALUES * len(unit.layer.channels) if unit.term is None else 2 * len(unit.nodes)
         is_summed = unit.term is None and unit.layer.effect and self._sampling.samples > 1
-        return channels * NUMBER_BYTES * self._tile + (self.image(unit.layer) if is_summed else 0)
+        sums = self.image(unit.layer) if is_summed else 0
+        if unit.layer.weight is not None:
+            sums += self.image(unit.layer) + self._sampling.width * self._sampling.height * NUMBER_BYTES
+        return channels * NUMBER_BYTES * self._tile + sums

@@ -132,6 +132,19 @@ def test_groups_hold_all_layers_once_and_keep_to_the_limit():
     assert in_groups(replace(graph, layers=()), outline, Sampling(*SHOT.size), 0)[0] == ()
 
 
+def test_what_weighs_the_samples_of_a_layer_counts():
+    """Its maps, and the sums of weights and of what they weigh: two images more."""
+    outline, sampling = tilted_quad_scene()[0], Sampling(*SHOT.size, 4)
+    plain = depth_graph(outline)
+    step = Step("map", cpu=lambda device: None, bytes_of=lambda node, outline: 1000 * MEBIBYTE)
+    map_node = Node(step, "Lamp", (), {})
+    weight = Node(Step("weigh", cpu=lambda device, a, b: a), "", (plain.layers[0].node, map_node), {})
+    weighted = replace(plain, layers=(replace(plain.layers[0], weight=weight),))
+    estimates = [in_groups(graph, outline, sampling, ENDLESS)[1] for graph in (plain, weighted)]
+    more = estimates[1].needed - estimates[0].needed - 1000 * MEBIBYTE
+    assert more == 2 * 4 * sampling.width * sampling.height
+
+
 def test_the_estimate_says_what_there_is():
     told = MemoryEstimate(held=300, layers=200, shared=50, group=450, groups=7, budget=700)
     assert (told.needed, told.total, told.shortage) == (700, 1000, None)
