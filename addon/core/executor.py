@@ -186,7 +186,8 @@ class Executor:
                 yield done / len(nodes)
         finally:
             self._go_on(context)
-            self._trim()
+            self.kept.trim()
+            self._framed.trim({self._place(node, self._home(node), 0)[1] for node in roots})
 
     def develop(self, graph: Graph, takes: Iterable[Take], execution: Execution) -> Iterator[None]:
         """Runs the steps that read finished images, on those of `execution` or what its films hold so far,

@@ -113,11 +113,12 @@ class Framed:
         self._values.clear()
         self._used.clear()
 
-    def trim(self) -> None:
+    def trim(self, spared: Collection[Key] = ()) -> None:
+        """To the bound, but for what is about to be asked for."""
         excess = sum(size for size, _epoch in self._used.values()) - self._most_bytes
         if excess <= 0:
             return
-        keys = list(self._values)
+        keys = [key for key in self._values if key not in spared]
         older = [key for key in keys if self._used[key][1] != self.epoch]
         current = [key for key in keys if self._used[key][1] == self.epoch]
         for key in (*older, *reversed(current)):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from strata.addon.core.effect import LayerKind, Reduce
+from strata.addon.core.execution import Execution
 from strata.addon.core.executor import Executor
 from strata.addon.core.film import Film, takes_of
 from strata.addon.core.graph import Node, PlannedLayer, Rate, Step
@@ -171,3 +172,17 @@ def test_a_preview_develops_what_it_has_so_far(scene):
     whole = next(Sampling(*SIZE).chunks())
     drain(executor.frame(graph, whole, 2))
     assert np.array_equal(executor.layer_value(graph.layers[0])[1], images(graph, device, 1)["Squared"])
+
+
+@pytest.mark.parametrize("kept_surface_bytes", [0, 16 * SIZE[0] * SIZE[1], 1 << 20])
+def test_a_preview_makes_each_sample_once_whatever_it_may_keep(scene, kept_surface_bytes):
+    outline, device = scene
+    graph, execution = depth_graph(outline), Execution()
+    executor = Executor(device, device, kept_surface_bytes=kept_surface_bytes)
+    sampling = Sampling(*SIZE, 6, BOX, tile_pixels=TILES[1], is_progressive=True)
+    for chunk in sampling.chunks():
+        drain(executor.frame(graph, chunk, 1, execution))
+        for take in takes_of(graph):
+            executor.collect(take, chunk)
+    runs = {timing.node.step.name: timing.runs for timing in execution.timings.values()}
+    assert runs["surface"] == runs["pick"] == sampling.chunk_count
