@@ -18,6 +18,10 @@ WITHOUT_CASTERS = "nothing casts a shadow into view"
 DRAWN_GUARD = 1e-3
 """Share of a view's window, against rounding."""
 
+SEEN_GUARD = 0.05
+"""Share of a frame: what lies beside a picture counts as seen as far, since pixel filters and steps that read
+neighbours reach over its border."""
+
 
 def boxes_of(outline: Outline) -> np.ndarray:
     """(N, 2, 3) float64: low and high corners of the instances."""
@@ -30,13 +34,17 @@ def corners_of(boxes: np.ndarray) -> np.ndarray:
     return boxes[:, choice, np.arange(3)]
 
 
-def frustum_planes(view: View, guard: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Inward normals (6, 3) and offsets (6,): inside where normal . point >= offset. The window grows by
-    `guard` of its size, since a pixel filter reaches over the border."""
+Guard = float | tuple[float, float]
+"""By which share of its size a window grows on each side, or of its width and its height."""
+
+
+def frustum_planes(view: View, guard: Guard = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Inward normals (6, 3) and offsets (6,): inside where normal . point >= offset."""
     right, up, forward = (np.array(axis) for axis in (view.right, view.up, view.forward))
     eye = np.array(view.eye)
     left, end, bottom, top = view.window
-    grow_x, grow_y = guard * (end - left), guard * (top - bottom)
+    across, up_by = guard if isinstance(guard, tuple) else (guard, guard)
+    grow_x, grow_y = across * (end - left), up_by * (top - bottom)
     left, end, bottom, top = left - grow_x, end + grow_x, bottom - grow_y, top + grow_y
     if view.orthographic:
         sides = [(right, left), (-right, -end), (up, bottom), (-up, -top)]
@@ -61,12 +69,12 @@ def frustum_corners(view: View, far: float) -> np.ndarray:
     return np.array(points) @ axes + np.array(view.eye)
 
 
-def in_frustum(view: View, boxes: np.ndarray, guard: float = 0.05) -> np.ndarray:
+def in_frustum(view: View, boxes: np.ndarray, guard: Guard = SEEN_GUARD) -> np.ndarray:
     """(N,) bool: False only where a box (N, 2, 3) lies wholly outside one plane."""
     return _inside(view, 0.5 * (boxes[:, 0] + boxes[:, 1]), 0.5 * (boxes[:, 1] - boxes[:, 0]), guard)
 
 
-def _inside(view: View, middles: np.ndarray, halves: np.ndarray, guard: float) -> np.ndarray:
+def _inside(view: View, middles: np.ndarray, halves: np.ndarray, guard: Guard) -> np.ndarray:
     """The same, by the boxes' centres and half sizes (N, 3)."""
     inside = np.ones(len(middles), bool)
     for normal, offset in zip(*frustum_planes(view, guard), strict=True):
@@ -105,7 +113,12 @@ def receivers_in_view(outline: Outline, shot: Shot) -> tuple[np.ndarray, np.ndar
     if not len(boxes):
         return np.zeros(0, bool), np.zeros((0, 2, 3))
     view = shot.view
-    seen = outline.instances.memo(("seen", view), lambda: outline.instances.shown & in_frustum(view, boxes))
+    # Beside a render region as far as beside the whole frame.
+    whole, computed = shot.source.frame_size, shot.computed_size
+    guard = SEEN_GUARD * (whole[0] / computed[0]), SEEN_GUARD * (whole[1] / computed[1])
+    seen = outline.instances.memo(
+        ("seen", view, guard), lambda: outline.instances.shown & in_frustum(view, boxes, guard)
+    )
     if not seen.any():
         return seen, np.zeros((0, 2, 3))
     if shot.seen is not None:
