@@ -12,12 +12,13 @@ from .core.graph import Graph
 from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups, without_too_large
 from .core.outline import Outline
 from .core.reach import fitted
-from .core.recorder import plan
+from .core.recorder import Recorder, plan
 from .core.roles import Role
 from .core.sampling import Sampling
 from .core.shot import Shot
 from .effects.registry import EFFECTS
 from .effects.shared import composite, lit
+from .effects.shared.steps import surface
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ class Options:
 def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
     """What would run, what is left out, and why."""
     more = [composite.record if options.composite else composite.leave_out]
-    more += [lit.record] * options.lit
+    more += [lit.record] * options.lit + [_record_probed]
     lamps = None
     if options.lights is not None:
         lights = enumerate(outline.lights)
@@ -104,6 +105,12 @@ def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
         keeps_unused=options.keeps_unused,
     )
     return without_too_large(graph, outline, sampling_of(graph, options), _budget_bytes(options))
+
+
+def _record_probed(recorder: Recorder, outline: Outline) -> None:
+    """Probes are the shot's own points, also where an effect looks at none but others."""
+    if any(layer.kind.score for layer in recorder.layers):
+        surface(recorder, outline)
 
 
 def sampling_of(graph: Graph, options: Options) -> Sampling:

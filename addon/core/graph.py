@@ -197,10 +197,10 @@ class PlannedLayer:
 
 @dataclass(frozen=True)
 class Graph:
-    """What runs for one shot. `surfaces`: nodes whose values are shading points, the shot's own first, each
-    with the attributes that are read of it. With `instances` that is the union of what the nodes read:
-    nothing else is extracted or rasterised. `wants` names what the extraction has to bring besides
-    positions."""
+    """What runs for one shot. `surfaces`: nodes whose values are shading points, each with the attributes
+    that are read of it; `surface`: the shot's own among them, None where nothing reads it. With `instances`
+    that is the union of what the nodes read: nothing else is extracted or rasterised. `wants` names what the
+    extraction has to bring besides positions."""
 
     layers: tuple[PlannedLayer, ...]
     left_out: tuple[LeftOut, ...]
@@ -208,11 +208,7 @@ class Graph:
     instances: frozenset[int]
     wants: frozenset[str] = frozenset()
     shot: Shot | None = None
-
-    @property
-    def surface(self) -> Node | None:
-        """The shot's own shading points; None where nothing reads any."""
-        return next(iter(self.surfaces), None)
+    surface: Node | None = None
 
     def nodes(self, roots: Iterable[Node] | None = None) -> tuple[Node, ...]:
         """Every node below `roots` (the layers', if None), inputs before users, each once."""

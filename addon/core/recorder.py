@@ -49,6 +49,7 @@ class Recorder:
         self._instance_sets: set[frozenset[int]] = set()
         self._wants: set[str] = set()
         self._surfaces: dict[Node, set[str]] = {}
+        self._own_surface: Node | None = None
 
     @property
     def layers(self) -> tuple[PlannedLayer, ...]:
@@ -61,15 +62,19 @@ class Recorder:
         return self._nodes.setdefault(node.key, node)
 
     def surface(self, node: Node, *attributes: str) -> Node:
-        """Says that the node's values are shading points, with at least these attributes (core/surface.py).
-        The first that is recorded is the shot's own."""
+        """Says that the node's values are shading points, and that these attributes of them are read
+        (core/surface.py)."""
         self._surfaces.setdefault(node, set()).update(attributes)
         self._wants.update(ATTRIBUTES[name].wants for name in attributes if ATTRIBUTES[name].wants)
         return node
 
-    def surface_with(self, *attributes: str) -> Node:
-        """The shot's own shading points, which were recorded, with these attributes too."""
-        return self.surface(next(iter(self._surfaces)), *attributes)
+    def own_surface(self, node: Node, *attributes: str) -> Node:
+        """The same of the shot's own shading points: one node for all effects, which the composite, the
+        coarse look and the probes rest on. Raises ValueError if it is another than before."""
+        if self._own_surface not in (None, node):
+            raise ValueError("a shot has one surface of its own")
+        self._own_surface = node
+        return self.surface(node, *attributes)
 
     def reads_instances(self, instances: frozenset[int]) -> None:
         """Says which instances the recorded steps look at; others are never extracted."""
@@ -195,6 +200,7 @@ class Recorder:
             self.instances,
             frozenset(self._wants),
             self.shot,
+            self._own_surface,
         )
 
 

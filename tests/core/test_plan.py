@@ -12,6 +12,7 @@ from strata.addon.bake import BakeJob, read_scene
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.graph import Node, Step
 from strata.addon.core.outline import Instances
+from strata.addon.core.recorder import Recorder
 from strata.addon.planning import Options, plan_scene
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.scan import ScanOptions, scan
@@ -179,3 +180,17 @@ def test_all_effects_share_one_surface(courtyard):
     options = Options(("soft_shadow", "volumetric_light", "toon"), values={"volumetric_light": fog})
     graph = plan_scene(courtyard.outline, courtyard.shot, options)
     assert [node for node in graph.nodes() if node.step.name == "surface"] == [graph.surface]
+
+
+def test_a_shot_has_one_surface_of_its_own(courtyard):
+    recorder = Recorder(courtyard.outline, courtyard.shot)
+    own, other = (recorder.step(STEP, name=name) for name in ("own", "other"))
+    recorder.surface(other, "depth")
+    assert recorder.graph().surface is None
+    recorder.own_surface(own, "depth")
+    recorder.own_surface(own, "position")
+    graph = recorder.graph()
+    assert graph.surface is own
+    assert graph.surfaces == {other: {"depth"}, own: {"depth", "position"}}
+    with pytest.raises(ValueError, match="one surface of its own"):
+        recorder.own_surface(other)

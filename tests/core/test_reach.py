@@ -59,7 +59,7 @@ def graph() -> Graph:
     far = Node(AROUND, "", (Node(held, "", (near,), {}),), {})
     nodes = {"Alone": Node(alone, "", (surface,), {}), "Near": near, "Far": far}
     layers = tuple(PlannedLayer(name, "test", node, LayerKind(name, "Z")) for name, node in nodes.items())
-    return Graph(layers, (), {surface: frozenset({"depth"})}, frozenset({0}))
+    return Graph(layers, (), {surface: frozenset({"depth"})}, frozenset({0}), surface=surface)
 
 
 @pytest.fixture(params=[0, 1], ids=["cpu", "gpu"])

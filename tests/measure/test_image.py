@@ -170,9 +170,8 @@ def _true_stripes(rays, outline, layer, view_rays, seed):
     return lit.astype(np.float64)[None, :, None]
 
 
-def _run(recorder, outline, params, kinds=None):
-    visible = frozenset(range(len(outline.instances)))
-    surface = shared.surface(recorder, outline, visible, "position", "instance")
+def _run(recorder, outline, params, kinds=None, surface=None):
+    surface = surface or shared.surface(recorder, outline, "position", "instance")
     light, mask = kinds or GLOW.layers
     recorder.layer(light, recorder.step(AIRLIGHT, surface, gain=params.gain, far=FAR))
     recorder.layer(mask, recorder.step(STRIPES, surface, gain=params.gain))
@@ -220,6 +219,18 @@ def test_an_effect_without_lights_is_measured():
     assert "share_off_by_1_percent" not in stripes
     assert wrong["Stripes"]["error"]["value"] > stripes["value"] + 0.1
     assert right["Stripes"]["error"]["mean_absolute_error"] < wrong["Stripes"]["error"]["mean_absolute_error"]
+
+
+def test_a_layer_made_at_another_surface_is_measured_at_the_shots_own():
+    def run_apart(recorder, outline, params):
+        visible = frozenset(range(len(outline.instances)))
+        recorder.reads_instances(visible)
+        scene, view = shared.geometry(recorder, outline), recorder.shot.view
+        node = recorder.step(shared.SURFACE, scene, instance="apart", view=view, visible=visible)
+        _run(recorder, outline, params, surface=recorder.surface(node, "position", "instance"))
+
+    apart, own = (baked(0.8, 1, effect)["Air"]["error"] for effect in (replace(GLOW, run=run_apart), GLOW))
+    assert apart | {"seconds": 0.0} == own | {"seconds": 0.0}
 
 
 def test_more_samples_make_a_better_mask():

@@ -34,7 +34,7 @@ def depth_graph(outline: Outline, *extra: Node, step: Step | None = None) -> Gra
     pick = step or Step("pick", cpu=lambda device, surface: surface["depth"])
     node = Node(pick, "", (surface, *extra), {})
     layer = PlannedLayer("Depth", "depth", node, LayerKind("Depth", "Z"))
-    return Graph((layer,), (), {surface: frozenset({"depth"})}, frozenset({0}))
+    return Graph((layer,), (), {surface: frozenset({"depth"})}, frozenset({0}), surface=surface)
 
 
 def drain(steps: Iterator[float], progress: Callable[[float], None] | None = None) -> None:

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from strata.addon.core.culling import receivers_in_view
 from strata.addon.core.effect import Effect, LayerKind, Registry
 from strata.addon.core.graph import Rate, Step
 from strata.addon.core.params import Params
 from strata.addon.core.roles import Of, Role, Subject
 from strata.addon.core.shader import Shader
 from strata.addon.effects.registry import EFFECTS
-from strata.addon.effects.shared.steps import surface
+from strata.addon.effects.shared.steps import SURFACE, geometry, surface
 
 FOLDER = Path(__file__).parent
 
@@ -33,8 +32,7 @@ def registry(*effects: Effect) -> Registry:
 
 
 def points(recorder, outline):
-    seen, _ = receivers_in_view(outline, recorder.shot)
-    return surface(recorder, outline, outline.instances.subset(seen), "position")
+    return surface(recorder, outline, "position")
 
 
 def shader(name: str, *defines: str) -> Shader:
@@ -110,6 +108,21 @@ def _run_half(recorder, outline, params):
 
 
 HALF_SHADOW = effect("half_shadow", (HALF_KIND,), _run_half, offers={Role.VISIBILITY: _half_visibility})
+
+# An effect that looks at one object through all others: at a surface that no other effect shares.
+
+BEHIND_KIND = LayerKind("Behind", "V", role=Role.NONE)
+
+
+def _run_behind(recorder, outline, params):
+    visible = frozenset({0})
+    recorder.reads_instances(visible)
+    scene, view = geometry(recorder, outline), recorder.shot.view
+    node = recorder.step(SURFACE, scene, instance="behind", view=view, visible=visible)
+    recorder.layer(BEHIND_KIND, recorder.step(HALF_STEP, recorder.surface(node, "position")))
+
+
+BEHIND = effect("behind", (BEHIND_KIND,), _run_behind)
 
 # Two panes of coloured glass that cross: each is before the other on one side of the picture.
 

@@ -35,7 +35,7 @@ def record(recorder: Recorder, outline: Outline) -> None:
     if not len(receivers):
         return
     visible = outline.instances.subset(seen)
-    surface(recorder, outline, visible, "material")
+    points = surface(recorder, outline, "material")
     region = around(receivers)
     layers = [layer for layer in recorder.layers if layer.joins]
     inputs: list[Node] = []
@@ -53,8 +53,8 @@ def record(recorder: Recorder, outline: Outline) -> None:
         elif lit.shines(light, visible, region):
             factors = [layer.node for role in PRODUCT for layer in own if layer.role is role]
             details = (lit.brightness(light), len(factors))
-            join(Join.LIGHT, lit.irradiance(recorder, outline, light), *factors, details=details)
-    if (emission := lit.emission(recorder, outline, visible)) is not None:
+            join(Join.LIGHT, lit.irradiance(recorder, points, light), *factors, details=details)
+    if (emission := lit.emission(recorder, outline, points, visible)) is not None:
         join(Join.ADD, emission)
     for role in ADDED_BEFORE:
         for layer in layers:
@@ -73,7 +73,7 @@ def record(recorder: Recorder, outline: Outline) -> None:
     for layer in over:
         if layer.depth is None:
             join(Join.OVER, layer.node)
-    albedo = lit.base_colour(recorder, outline)
+    albedo = lit.base_colour(recorder, outline, points)
     picture = recorder.step(lit.COMPOSITE, albedo, *inputs, joins=tuple(joins))
     for number, offer in enumerate(recorder.chosen_offers(Role.PICTURE)):
         if number == 0:

@@ -12,7 +12,7 @@ from ...core.graph import Node, Step, Sum
 from ...core.outline import Light, Outline, emitter_measure
 from ...core.recorder import Recorder
 from ...core.roles import Of, Subject
-from . import gpu_lit
+from . import gpu_lit, steps
 from .joins import Join, image_count
 from .membership import belong
 
@@ -127,8 +127,8 @@ def shines(light: Light, visible: frozenset[int], region: np.ndarray) -> bool:
     return not light.is_dark and unlit_reason(light, visible, region) is None
 
 
-def base_colour(recorder: Recorder, outline: Outline) -> Node:
-    """Diffuse colour of the surface that was recorded."""
+def base_colour(recorder: Recorder, outline: Outline, surface: Node) -> Node:
+    """Diffuse colour of the surface."""
     images = tuple(
         (index, material.base_color_image)
         for index, material in enumerate(outline.materials)
@@ -136,7 +136,7 @@ def base_colour(recorder: Recorder, outline: Outline) -> Node:
     )
     if images:
         recorder.wants("uv", "base_color")
-    surface = recorder.surface_with("material", *(("uv",) if images else ()))
+    recorder.surface(surface, "material", *(("uv",) if images else ()))
     colours = tuple(material.base_color for material in outline.materials)
     return recorder.step(
         MATERIAL_COLOUR,
@@ -149,20 +149,20 @@ def base_colour(recorder: Recorder, outline: Outline) -> Node:
     )
 
 
-def emission(recorder: Recorder, outline: Outline, visible: frozenset[int]) -> Node | None:
-    """What surfaces emit themselves; None where no material of the instances `visible` does."""
+def emission(recorder: Recorder, outline: Outline, surface: Node, visible: frozenset[int]) -> Node | None:
+    """What the surface emits itself; None where no material of the instances `visible` does."""
     used = outline.instances.materials_of(visible)
     colours = tuple(material.emission for material in outline.materials)
     if not any(any(colours[material]) for material in used):
         return None
-    surface = recorder.surface_with("material")
+    recorder.surface(surface, "material")
     return recorder.step(MATERIAL_COLOUR, surface, instance="emission", colours=colours, images=(), version=0)
 
 
-def irradiance(recorder: Recorder, outline: Outline, light: Light) -> Node:
-    """What the light sends to the surface that was recorded."""
+def irradiance(recorder: Recorder, surface: Node, light: Light) -> Node:
+    """What the light sends to the surface."""
     linked = ("instance",) if light.receivers is not None else ()
-    surface = recorder.surface_with("position", "shading_normal", *linked)
+    recorder.surface(surface, "position", "shading_normal", *linked)
     return recorder.step(
         IRRADIANCE,
         surface,
@@ -176,11 +176,11 @@ def irradiance(recorder: Recorder, outline: Outline, light: Light) -> Node:
 def record(recorder: Recorder, outline: Outline) -> None:
     """Adds the unshadowed picture of every light that the graph already has a layer of."""
     for index in sorted({layer.of.index for layer in recorder.layers if layer.of.is_lamp}):
-        light = outline.lights[index]
+        light, points = outline.lights[index], steps.surface(recorder, outline)
         node = recorder.step(
             COMPOSITE,
-            base_colour(recorder, outline),
-            irradiance(recorder, outline, light),
+            base_colour(recorder, outline, points),
+            irradiance(recorder, points, light),
             instance=light.name,
             joins=((Join.LIGHT.value, brightness(light), 0),),
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.culling import drawn_from
+from ...core.culling import drawn_from, receivers_in_view
 from ...core.graph import Node, Rate, Step
 from ...core.outline import Outline
 from ...core.recorder import Recorder
@@ -114,8 +114,11 @@ def _content(outline: Outline) -> tuple:
     return outline.scene_name, outline.view_layer_name, outline.frame, outline.version
 
 
-def surface(recorder: Recorder, outline: Outline, visible: frozenset[int], *attributes: str) -> Node:
-    """The shot's shading points on the instances `visible`."""
+def surface(recorder: Recorder, outline: Outline, *attributes: str) -> Node:
+    """The shot's own shading points, on all instances that it may show: the same node for every effect. One
+    that looks at others tells the recorder of them by Recorder.surface."""
+    seen, _ = receivers_in_view(outline, recorder.shot)
+    visible = outline.instances.subset(seen)
     recorder.reads_instances(visible)
     shot, scene = recorder.shot, geometry(recorder, outline)
     if shot.has_eye:
@@ -124,7 +127,7 @@ def surface(recorder: Recorder, outline: Outline, visible: frozenset[int], *attr
         recorder.wants("uv")
         laid_out = recorder.step(LAID_OUT, scene, instance=shot.name, instances=visible)
         node = recorder.step(CHART, laid_out, instance=shot.name, instances=visible, origin=shot.origin)
-    return recorder.surface(node, *attributes)
+    return recorder.own_surface(node, *attributes)
 
 
 def layered_depth(

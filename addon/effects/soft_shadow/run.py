@@ -84,7 +84,7 @@ def visibility(
     if reason:
         recorder.left_out(_told(light), reason, light.name)
         return None
-    return _record_light(recorder, outline, params, of.index, casters, visible, receivers), casters
+    return _record_light(recorder, outline, params, of.index, casters, receivers), casters
 
 
 def _told(light: Light) -> str:
@@ -109,13 +109,13 @@ def _is_empty_area(light: Light) -> bool:
     return is_area and emitter_measure(light.emitter) == 0.0
 
 
-def _record_light(recorder, outline, params, index, casters, visible, receivers) -> Node:
+def _record_light(recorder, outline, params, index, casters, receivers) -> Node:
     light = outline.lights[index]
     params = light.params_for("soft_shadow", params)
     if not params.rays and params.method == Method.HYBRID:
         params = replace(params, method=Method.BITMASK)
     attributes = steps.POINTS if light.receivers is None else (*steps.POINTS, "instance")
-    surface = shared.surface(recorder, outline, visible, *attributes)
+    surface = shared.surface(recorder, outline, *attributes)
     away = _distances(outline, light.emitter, casters)
     close = _close_casters(params, light.emitter, casters, away)
     is_looked_at = recorder.shot.seen is not None and light.emitter.kind == EmitterKind.DISTANT_DISK

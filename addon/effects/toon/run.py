@@ -51,7 +51,7 @@ def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
         recorder.left_out("Toon", "everything in view is excluded from it")
         return
     normal = "geometric_normal" if params.normals == Normals.FLAT else "shading_normal"
-    surface = shared.surface(recorder, outline, visible, normal)
+    surface = shared.surface(recorder, outline, normal)
     light, casters = _light(recorder, outline, params, surface, normal, visible, around(receivers))
     shaded = _shade(recorder, outline, params, surface, light, normal, visible)
     recorder.layer(TOON, shaded, casters=casters)
@@ -60,7 +60,7 @@ def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
     elif reason := _no_dots(params):
         recorder.left_out("Toon Halftone", reason)
     elif recorder.shot_has(HALFTONE.needs, "Toon Halftone"):
-        node = _halftone(recorder, outline, params, light, excluded)
+        node = _halftone(recorder, outline, params, surface, light, excluded)
         used = outline.instances.materials_of(visible - excluded)
         if any(own_of(outline.materials[m]).excluded for m in used):
             node = recorder.step(steps.SPARE, node, shaded)
@@ -68,7 +68,7 @@ def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
     if not params.outline:
         recorder.left_out("Toon Outline", "it is switched off")
     elif recorder.shot_has(OUTLINE.needs, "Toon Outline"):
-        _outline(recorder, outline, params, visible, excluded, OUTLINE)
+        _outline(recorder, outline, params, surface, visible, excluded, OUTLINE)
 
 
 # Light
@@ -86,14 +86,14 @@ def _light(recorder, outline, params, surface, normal, visible, region) -> tuple
     if params.light == Light.BRIGHTNESS:
         inputs = []
         for light, shadow in zip(lights, shadows, strict=True):
-            inputs += [lit.irradiance(recorder, outline, light), *([shadow[0]] if shadow else [])]
+            inputs += [lit.irradiance(recorder, surface, light), *([shadow[0]] if shadow else [])]
         weights = tuple(params.exposure * _luminance_of_brightness(light) for light in lights)
         return recorder.step(steps.BRIGHTNESS, *inputs, weights=weights, shadowed=shadowed), casters
     linked = tuple(light.receivers for light in lights)
     if any(light.emitter.kind != EmitterKind.DISTANT_DISK for light in lights):
-        recorder.surface_with("position")
+        recorder.surface(surface, "position")
     if any(receivers is not None for receivers in linked):
-        recorder.surface_with("instance")
+        recorder.surface(surface, "instance")
     node = recorder.step(
         steps.FACING,
         surface,
@@ -116,7 +116,7 @@ def _shadow(recorder, outline, params, index, surface, normal, region) -> tuple[
     casters = casters_of(light, outline.instances, region) if light.casts_shadow else frozenset()
     if not casters:
         return None
-    recorder.surface_with("position", "geometric_normal")
+    recorder.surface(surface, "position", "geometric_normal")
     recorder.reads_instances(casters)
     is_distant = light.emitter.kind == EmitterKind.DISTANT_DISK
     place = (
@@ -174,13 +174,13 @@ def _chosen_lights(recorder, outline, params, visible, region) -> list[int]:
 def _shade(recorder, outline, params, surface, light, normal, visible) -> Node:
     ramps = ramps_of(outline, params)
     has_rim = params.rim > 0.0 and recorder.shot_has({Need.EYE}, "Toon rim")
-    recorder.surface_with("material", *(["instance"] if ramps.instances is not None else []))
+    recorder.surface(surface, "material", *(["instance"] if ramps.instances is not None else []))
     if has_rim:
-        recorder.surface_with("position")
+        recorder.surface(surface, "position")
     table = [(*material.base_color, *material.emission) for material in outline.materials]
     used = outline.instances.materials_of(visible)
     textured = any(outline.materials[m].base_color_image is not None for m in used)
-    base = [lit.base_colour(recorder, outline)] if textured else []
+    base = [lit.base_colour(recorder, outline, surface)] if textured else []
     return recorder.step(
         steps.SHADE,
         surface,
@@ -207,13 +207,13 @@ def _no_dots(params: ToonParams) -> str | None:
     return None
 
 
-def _halftone(recorder, outline, params, light, excluded) -> Node:
+def _halftone(recorder, outline, params, surface, light, excluded) -> Node:
     attributes, settings = ["instance"], pattern.settings(params, recorder.shot)
     if params.halftone_anchor == Anchor.SURFACE:
         attributes += ["position", "geometric_normal"]
     elif settings["fade"][0]:
         attributes.append("position")
-    surface = recorder.surface_with(*attributes)
+    recorder.surface(surface, *attributes)
     inked = np.ones(len(outline.instances), np.uint8)
     inked[sorted(excluded)] = 0
     return recorder.step(
@@ -226,7 +226,7 @@ def _halftone(recorder, outline, params, light, excluded) -> Node:
     )
 
 
-def _outline(recorder, outline, params, visible, excluded, kind) -> None:
+def _outline(recorder, outline, params, surface, visible, excluded, kind) -> None:
     chosen = visible - excluded - without_outline(outline)
     drawn = {index: own_of(outline.instances[index]) for index in sorted(chosen)}
     crease = None if params.crease_angle >= NO_CREASE else float(np.cos(params.crease_angle))
@@ -267,7 +267,7 @@ def _outline(recorder, outline, params, visible, excluded, kind) -> None:
         lines.append(
             recorder.step(
                 steps.LINES,
-                recorder.surface_with(*wanted),
+                recorder.surface(surface, *wanted),
                 marked=frozenset(drawn),
                 width=params.line_width_px,
                 objects=params.object_lines,
@@ -277,7 +277,7 @@ def _outline(recorder, outline, params, visible, excluded, kind) -> None:
         )
         if crease is not None:
             recorder.wants("corner_normals")
-    surface = recorder.surface_with("depth", *(["instance"] if lines else []))
+    recorder.surface(surface, "depth", *(["instance"] if lines else []))
     ink = recorder.step(
         steps.OUTLINE, surface, recorder.step(steps.HULL_GEOMETRY, hull), *lines, view=view, colours=colours
     )

@@ -12,7 +12,6 @@ from ...core.culling import (
     corners_of,
     frustum_corners,
     lights_region,
-    receivers_in_view,
 )
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
@@ -64,9 +63,7 @@ def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> 
     region = _region(outline, recorder.shot.view, fill, boxes)
     if region is None:
         return recorder.left_out("Volumetric Light", "the medium is not in view")
-    # The same as other effects take: one surface serves all.
-    seen, _ = receivers_in_view(outline, recorder.shot)
-    surface = shared.surface(recorder, outline, outline.instances.subset(seen), "depth")
+    surface = shared.surface(recorder, outline, "depth")
     stride = params.scale.stride
     if not any(fill.medium.scattering):
         recorder.left_out("Volumetric Light, scattering", "the medium only absorbs")

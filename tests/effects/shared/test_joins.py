@@ -12,9 +12,9 @@ from strata.addon.planning import Options
 from strata.addon.scene.open import choose, open_blend
 from strata.tests.support.gpu_scenes import gpu_device
 from strata.tests.support.places import SAMPLES
-from strata.tests.support.tiny_effects import CROSSED_PANES, GOBO, HALF_SHADOW, LENS, registry
+from strata.tests.support.tiny_effects import BEHIND, CROSSED_PANES, GOBO, HALF_SHADOW, LENS, registry
 
-ALL = registry(GOBO, HALF_SHADOW, CROSSED_PANES, LENS)
+ALL = registry(BEHIND, GOBO, HALF_SHADOW, CROSSED_PANES, LENS)
 CLOSE = {"rtol": 1e-4, "atol": 1e-5}
 """The composite rounds its sum of lamps in another order than the layers that it is compared with."""
 
@@ -48,6 +48,16 @@ def test_a_coloured_filter_and_a_shadow_scale_a_lamp(backend):
     expected = lamps(found, "Gobo", "Soft Shadow")
     assert np.allclose(found.composite[..., :3], expected, **CLOSE)
     assert not np.allclose(lamps(found, "Soft Shadow"), expected, rtol=0.1)
+
+
+def test_a_surface_of_an_effects_own_changes_no_other_picture(backend):
+    alone, others = baked(backend, "soft_shadow", "toon")
+    found, layers = baked(backend, "behind", "soft_shadow", "toon")
+    assert layers.keys() - others.keys() == {"Behind"}
+    assert np.array_equal(found.composite, alone.composite)
+    assert found.lit.keys() == alone.lit.keys()
+    assert all(np.array_equal(found.lit[index], alone.lit[index]) for index in alone.lit)
+    assert all(np.array_equal(layers[name].pixels, others[name].pixels) for name in others)
 
 
 def test_of_two_shadows_of_a_lamp_one_is_multiplied(backend):
