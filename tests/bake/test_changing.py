@@ -6,24 +6,10 @@ import bpy
 import pytest
 from strata.addon.scene.changing import may_change, may_make_lamps
 from strata.addon.sequence import sequence_layers
-from strata.addon.ui import properties
 from strata.addon.ui.properties import options_of
-from strata.tests.bake.sequence_scenes import box, keyed, lamp, names_of, still_scene
+from strata.tests.bake.sequence_scenes import box, keyed, lamp, names_of
 
-
-@pytest.fixture(autouse=True)
-def registered():
-    had = hasattr(bpy.types.Scene, "strata")
-    if not had:
-        properties.register()
-    yield
-    if not had:
-        properties.unregister()
-
-
-@pytest.fixture
-def scene():
-    return still_scene()
+pytestmark = pytest.mark.usefixtures("registered")
 
 
 def animate_material(scene):

@@ -15,8 +15,7 @@ import pytest
 from strata.addon.scene.changing import may_change
 from strata.addon.scene.open import open_blend
 from strata.addon.sequence import coarse_to_fine
-from strata.addon.ui import properties
-from strata.tests.bake.sequence_scenes import keyed, lamp, names_of, still_scene
+from strata.tests.bake.sequence_scenes import keyed, lamp, names_of
 from strata.tests.support.exr_layers import read_layers
 from strata.tests.support.places import SAMPLES
 
@@ -24,19 +23,7 @@ QUICK = ("--backend", "cpu", "--size", "24x16", "--samples", "1", "--probes", "0
 QUICK += ("--set", "soft_shadow.resolution=128")
 
 
-@pytest.fixture(autouse=True)
-def registered():
-    had = hasattr(bpy.types.Scene, "strata")
-    if not had:
-        properties.register()
-    yield
-    if not had:
-        properties.unregister()
-
-
-@pytest.fixture
-def scene():
-    return still_scene()
+pytestmark = pytest.mark.usefixtures("registered")
 
 
 def strata(*words, check: int = 0) -> subprocess.CompletedProcess:
