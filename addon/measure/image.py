@@ -25,7 +25,7 @@ from ..core.view_rays import ViewRays, view_rays
 from .difficulty import KIND_BITS, Difficulty, largest_nearby, near_jumps
 from .estimate import Compared, sampled_part
 from .interval import joined, limits
-from .probes import Band, Kept, Probed, finite
+from .probes import Band, Probed, ProbeStratum, finite
 from .report import LayerError
 from .survey import allot, shared_looks
 
@@ -39,7 +39,7 @@ NEARLY_BLACK = 0.01  # of a layer's mean: less light than this counts as this wh
 
 CHANGING = 4.0  # how much more likely errors are where the layer's values change nearby
 
-LightReference = Callable[[Kept, int], np.ndarray]
+LightReference = Callable[[ProbeStratum, int], np.ndarray]
 """reference(pixels, seed): (estimates, N, channels) float64, one or two, at the first sample's points."""
 
 Look = Callable[[np.ndarray, np.ndarray], ViewRays]
@@ -72,7 +72,7 @@ class WatchedImage:
         code |= np.where(edges, np.uint16(Difficulty.EDGE), np.uint16(Difficulty.REST))
         return code.reshape(-1)
 
-    def kept(self, difficulty: Difficulty) -> int:
+    def pixels_per_probe(self, difficulty: Difficulty) -> int:
         return self.looks
 
 
@@ -116,12 +116,12 @@ class LightScore(_ImageScore):
     def measure(self, probed: Probed, probes: int, seed: int) -> Measuring:
         along, (width, height) = self._along(probed), probed.shot.computed_size
 
-        def at_pixels(kept: Kept, seed: int) -> np.ndarray:
-            pixels = np.stack([kept.pixels % width, kept.pixels // width], axis=1).astype(np.int32)
-            return along(view_rays(probed.shot, pixels, probed.jitter, kept.surface), seed)
+        def at_pixels(stratum: ProbeStratum, seed: int) -> np.ndarray:
+            pixels = np.stack([stratum.pixels % width, stratum.pixels // width], axis=1).astype(np.int32)
+            return along(view_rays(probed.shot, pixels, probed.jitter, stratum.surface), seed)
 
         return measure_light(
-            probed.kept,
+            probed.strata,
             probed.total,
             width * height,
             probes * self.looks,
@@ -150,7 +150,7 @@ class MaskScore(_ImageScore):
             return footprints(probed.shot.pixel_filter, pixels, samples, seed)
 
         return measure_mask(
-            probed.kept,
+            probed.strata,
             probed.image,
             probes * self.looks,
             self._along(probed),
@@ -170,7 +170,7 @@ class MaskScore(_ImageScore):
 
 
 def measure_light(
-    strata: Sequence[Kept],
+    strata: Sequence[ProbeStratum],
     total: float,
     pixels: int,
     probes: int,
@@ -179,7 +179,7 @@ def measure_light(
     seed: int,
 ) -> Measuring:
     """Relative L2 of a layer of `pixels` pixels whose values add up to `total` over pixels and channels, from
-    ProbeCollector.kept."""
+    ProbeCollector.strata."""
     strata = [_with_channels(each) for each in strata if len(each.pixels)]
     channels = strata[0].values.shape[1] if strata else 1
     mean = abs(total) / max(pixels * channels, 1)
@@ -235,7 +235,7 @@ def measure_light(
 
 
 def measure_mask(
-    strata: Sequence[Kept],
+    strata: Sequence[ProbeStratum],
     image: np.ndarray,
     probes: int,
     reference: Callable[[ViewRays, int], np.ndarray],
@@ -244,7 +244,8 @@ def measure_mask(
     reference_name: str,
     seed: int,
 ) -> Measuring:
-    """Share of the wrong pixels of a finished `image` (height, width[, channels]), from ProbeCollector.kept.
+    """Share of the wrong pixels of a finished `image` (height, width[, channels]), from
+    ProbeCollector.strata.
 
     `reference(view_rays, seed)`: (1 or 2, N, channels), of which the mean counts; `scattered(pixels,
     samples, seed)`: offsets as core/sampling.footprints.
@@ -299,25 +300,27 @@ def measure_mask(
     )
 
 
-def at(kept: Kept, index: np.ndarray) -> Kept:
+def at(stratum: ProbeStratum, index: np.ndarray) -> ProbeStratum:
     """The same with the pixels `index` only."""
-    columns = (column[index] for column in (kept.pixels, kept.priorities, kept.values))
-    surface = {name: array[index] for name, array in kept.surface.items()}
-    return Kept(kept.code, kept.population, *columns, surface)
+    columns = (column[index] for column in (stratum.pixels, stratum.priorities, stratum.values))
+    surface = {name: array[index] for name, array in stratum.surface.items()}
+    return ProbeStratum(stratum.code, stratum.population, *columns, surface)
 
 
-def _with_channels(kept: Kept) -> Kept:
-    values = kept.values.reshape(len(kept.pixels), -1)
-    return Kept(kept.code, kept.population, kept.pixels, kept.priorities, values, kept.surface)
+def _with_channels(stratum: ProbeStratum) -> ProbeStratum:
+    values = stratum.values.reshape(len(stratum.pixels), -1)
+    return ProbeStratum(
+        stratum.code, stratum.population, stratum.pixels, stratum.priorities, values, stratum.surface
+    )
 
 
-def _chosen(strata: Sequence[Kept], probes: int, wishes: Sequence[float]) -> list[Kept]:
+def _chosen(strata: Sequence[ProbeStratum], probes: int, wishes: Sequence[float]) -> list[ProbeStratum]:
     """Each stratum with the pixels that get a probe."""
     counts = allot(probes, [len(each.pixels) for each in strata], wishes)
     return [_smallest(each, count) for each, count in zip(strata, counts, strict=True)]
 
 
-def _smallest(stratum: Kept, count: int) -> Kept:
+def _smallest(stratum: ProbeStratum, count: int) -> ProbeStratum:
     """The same with `count` pixels of smallest priority."""
     return at(stratum, np.sort(np.argsort(stratum.priorities, kind="stable")[:count]))
 

@@ -108,8 +108,8 @@ class Measurement:
 
         started = time.perf_counter()
         collector = self._collectors[layer.name]
-        kept, total = tuple(collector.kept(layer.name)), collector.totals[layer.name]
-        probed = Probed(layer, self._outline, self._shot, kept, total, image, self._jitter, rays, casters)
+        strata, total = tuple(collector.strata(layer.name)), collector.totals[layer.name]
+        probed = Probed(layer, self._outline, self._shot, strata, total, image, self._jitter, rays, casters)
         seed = int(hash_bits(self.seed, text_bits(layer.name)))
         choosing_seconds = self._collecting_seconds[layer.name] + time.perf_counter() - started
 

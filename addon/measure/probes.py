@@ -57,12 +57,12 @@ class Watched(Protocol):
         looked at. `values` (rows, width[, channels]) of the layer. Must not depend on more than MARGIN rows
         and columns around a pixel."""
 
-    def kept(self, difficulty: Difficulty) -> int:
+    def pixels_per_probe(self, difficulty: Difficulty) -> int:
         """Pixels of one stratum to keep for each probe that is asked for."""
 
 
 @dataclass(frozen=True)
-class Kept:
+class ProbeStratum:
     """A random choice of the `population` pixels of one stratum. `pixels` (N,) uint32, row * width + column,
     ascending, so that rays of neighbours run together; their random `priorities` (N,) uint32; the layer's
     `values` (N[, channels]) float64 there and the `surface`, by attribute."""
@@ -81,14 +81,14 @@ class Kept:
 
 @dataclass(frozen=True)
 class Probed:
-    """What a Score makes a figure of. `kept` of the layer, by stratum; `total`: the sum of its values over
+    """What a Score makes a figure of. `strata` of the layer; `total`: the sum of its values over
     all pixels and channels; `image` (height, width[, channels]): the finished layer; `jitter` of the first
-    sample, which `kept` is of, in pixels; `casters` (instances,) uint8: what can block its light."""
+    sample, which `strata` are of, in pixels; `casters` (instances,) uint8: what can block its light."""
 
     layer: PlannedLayer
     outline: Outline
     shot: Shot
-    kept: tuple[Kept, ...]
+    strata: tuple[ProbeStratum, ...]
     total: float
     image: np.ndarray
     jitter: tuple[float, float]
@@ -151,7 +151,7 @@ class ProbeCollector:
         self._watched = tuple(watched)
         self._seed, self._frame = seed, frame
         self._probes = probes
-        self._kept: dict[str, dict[int, _Smallest]] = {layer.name: {} for layer in self._watched}
+        self._smallest: dict[str, dict[int, _Smallest]] = {layer.name: {} for layer in self._watched}
         self._held: dict = {}  # rows whose neighbours have not come yet, and theirs
         self._seen_rows = self._drawn_rows = 0
         self.totals = {layer.name: 0.0 for layer in self._watched}
@@ -215,35 +215,35 @@ class ProbeCollector:
         return codes
 
     def _offer(self, layer: Watched, code: np.ndarray, columns: list[np.ndarray]) -> None:
-        kept = self._kept[layer.name]
+        smallest = self._smallest[layer.name]
         counts = np.bincount(code, minlength=CODES)
         bounds = np.zeros(CODES, np.uint32)
         present = np.flatnonzero(counts[1:]) + 1  # 0 is dark
         for each in present.tolist():
-            if each not in kept:
-                kept[each] = _Smallest(layer.kept(_kind(each)) * self._probes)
-            bounds[each] = kept[each].bound(int(counts[each]))
+            if each not in smallest:
+                smallest[each] = _Smallest(layer.pixels_per_probe(_kind(each)) * self._probes)
+            bounds[each] = smallest[each].bound(int(counts[each]))
         # One pass over the priorities finds the candidates of all strata.
         chosen = np.flatnonzero((columns[0] <= bounds.take(code)) & (code != Difficulty.DARK))
         code_chosen = code.take(chosen)
         for each in present.tolist():
             index = chosen[code_chosen == each]
-            if not kept[each].enough(len(index)):
+            if not smallest[each].enough(len(index)):
                 index = np.flatnonzero(code == each)
-            kept[each].add(columns, index)
+            smallest[each].add(columns, index)
 
     def forget(self, name: str) -> None:
         """Frees what was kept for a layer."""
-        self._kept[name].clear()
+        self._smallest[name].clear()
 
-    def kept(self, name: str) -> Iterator[Kept]:
+    def strata(self, name: str) -> Iterator[ProbeStratum]:
         """What was kept for a layer, once all tiles were seen; none for dark pixels."""
         attributes = next(layer.attributes for layer in self._watched if layer.name == name)
-        for code, smallest in sorted(self._kept[name].items()):
+        for code, smallest in sorted(self._smallest[name].items()):
             order = np.argsort(smallest.columns[1])
             priorities, pixels, values, *surface = (column[order] for column in smallest.columns)
             surface = dict(zip(attributes, surface, strict=True))
-            yield Kept(code, smallest.population, pixels, priorities, finite(values), surface)
+            yield ProbeStratum(code, smallest.population, pixels, priorities, finite(values), surface)
 
 
 def _flat(image: np.ndarray) -> np.ndarray:

@@ -10,12 +10,12 @@ import numpy as np
 from ..core.emitter import Emitter
 from ..core.surface import SurfacePoints
 from .difficulty import Difficulty, classify
-from .probes import Band, Kept
+from .probes import Band, ProbeStratum
 
 POINT_ATTRIBUTES = ("position", "geometric_normal", "shading_normal")
 
 # Pixels of one stratum of a shadow that are kept for each probe asked for.
-KEPT = {
+PIXELS_PER_PROBE = {
     Difficulty.PENUMBRA: 12,
     Difficulty.EDGE: 16,
     Difficulty.TERMINATOR: 16,
@@ -45,13 +45,13 @@ class WatchedShadow:
             codes[~lit] = Difficulty.DARK
         return codes
 
-    def kept(self, difficulty: Difficulty) -> int:
-        return KEPT[difficulty]
+    def pixels_per_probe(self, difficulty: Difficulty) -> int:
+        return PIXELS_PER_PROBE[difficulty]
 
 
 @dataclass(frozen=True)
 class Stratum:
-    """A shadow's `Kept` pixels of one difficulty that get about as much light."""
+    """A shadow's `ProbeStratum` pixels of one difficulty that get about as much light."""
 
     difficulty: Difficulty
     population: int
@@ -84,7 +84,7 @@ def together(points: list[SurfacePoints]) -> SurfacePoints:
     return SurfacePoints(*columns, points[0].eye)
 
 
-def shadow_strata(kept: Iterable[Kept], eye: np.ndarray) -> tuple[Stratum, ...]:
+def shadow_strata(strata: Iterable[ProbeStratum], eye: np.ndarray) -> tuple[Stratum, ...]:
     """What was kept of a shadow; `eye` (3,) float64: what its surface is relative to."""
     return tuple(
         Stratum(
@@ -95,5 +95,5 @@ def shadow_strata(kept: Iterable[Kept], eye: np.ndarray) -> tuple[Stratum, ...]:
             each.values,
             SurfacePoints(*(each.surface[name] for name in POINT_ATTRIBUTES), eye),
         )
-        for each in kept
+        for each in strata
     )

@@ -20,7 +20,7 @@ from .estimate import Measured
 from .interval import joined, limits
 from .probes import Probed, finite
 from .report import LayerError
-from .shadow_probes import KEPT, Stratum, WatchedShadow, shadow_strata, take, together
+from .shadow_probes import PIXELS_PER_PROBE, Stratum, WatchedShadow, shadow_strata, take, together
 from .survey import (
     BinarySurvey,
     PenumbraSurvey,
@@ -34,8 +34,8 @@ from .survey import (
 )
 
 SAMPLES = 128  # rays of each of the reference's two halves
-LOOKS = KEPT[Difficulty.REST]  # pixels screened by single rays for each probe
-PENUMBRA_LOOKS = KEPT[Difficulty.PENUMBRA]
+LOOKS = PIXELS_PER_PROBE[Difficulty.REST]  # pixels screened by single rays for each probe
+PENUMBRA_LOOKS = PIXELS_PER_PROBE[Difficulty.PENUMBRA]
 MOST_REPEATS = 16  # looks at one pixel, where few pixels get most of the light
 LOOKS_PER_PIXEL = 4  # on average, for small images
 LIKELY = {Difficulty.EDGE: 4.0, Difficulty.TERMINATOR: 4.0}
@@ -80,7 +80,7 @@ class VisibilityScore:
         def reference(points, samples, seed):
             return self.reference(rays, emitter, casters, points, samples, seed)
 
-        strata = shadow_strata(probed.kept, np.array(probed.shot.origin))
+        strata = shadow_strata(probed.strata, np.array(probed.shot.origin))
         return measure_visibility(strata, probes, weigh, screen, reference, seed)
 
     def rms(self, value: float) -> float:

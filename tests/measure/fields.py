@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from strata.addon.core.surface import SurfacePoints
 from strata.addon.measure.difficulty import Difficulty
-from strata.addon.measure.shadow_probes import KEPT, Stratum
+from strata.addon.measure.shadow_probes import PIXELS_PER_PROBE, Stratum
 from strata.tests.support.figures import weighted_rmse
 
 
@@ -27,7 +27,7 @@ class Field:
         for kind in (Difficulty.PENUMBRA, Difficulty.REST):
             members = np.flatnonzero(self.difficulty == kind)
             if len(members):
-                pixels = np.sort(rng.permutation(members)[: KEPT[kind] * probes])
+                pixels = np.sort(rng.permutation(members)[: PIXELS_PER_PROBE[kind] * probes])
                 priorities = rng.permutation(len(pixels)).astype(np.uint32)
                 position = np.stack([pixels, 0 * pixels, 0 * pixels], 1).astype(np.float32)
                 points = SurfacePoints(position, position, position, np.zeros(3))

@@ -44,14 +44,14 @@ class Light:
         collector = collected(self.values, probes, seed)
         flat = self.truths.reshape(-1, 3)
 
-        def reference(kept, seed):
-            truth = flat[kept.pixels]
+        def reference(stratum, seed):
+            truth = flat[stratum.pixels]
             if not self.noise and not self.own_noise:
                 return truth[None]
             spread = self.noise * self.truths.mean() + self.own_noise * truth
             return truth + spread * np.random.default_rng(seed).standard_normal((2, *truth.shape))
 
-        strata, total = list(collector.kept(NAME)), collector.totals[NAME]
+        strata, total = list(collector.strata(NAME)), collector.totals[NAME]
         return finished(measure_light(strata, total, len(flat), probes, reference, "made up", seed))
 
 
@@ -149,7 +149,7 @@ class Mask:
         def scattered(pixels, samples, seed):
             return footprints(self.filter, pixels, samples, seed)
 
-        strata = list(collector.kept(NAME))
+        strata = list(collector.strata(NAME))
         return finished(measure_mask(strata, self.image, probes, reference, look, scattered, "made up", seed))
 
 

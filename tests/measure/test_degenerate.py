@@ -134,7 +134,7 @@ def mask_of(strata, image: np.ndarray, truth: float, probes: int) -> LayerError:
 @given(values=images(1), truth=st.sampled_from([0.0, 0.5, 1.0]), probes=st.sampled_from([1, 2, 100]))
 def test_any_mask_has_a_sound_error(values, truth, probes):
     image = values[..., 0]
-    strata = list(collected(image, probes, seed=1).kept(NAME))
+    strata = list(collected(image, probes, seed=1).strata(NAME))
     error = mask_of(strata, image, truth, probes)
     assert is_sound(error)
     assert error.value <= 1.0 + 1e-9
@@ -143,7 +143,7 @@ def test_any_mask_has_a_sound_error(values, truth, probes):
 
 
 def test_images_without_strata():
-    def reference(kept, seed):
+    def reference(stratum, seed):
         raise AssertionError("there is nothing to ask for")
 
     light = finished(measure_light([], 0.0, 0, 4, reference, "made up", 0))

@@ -249,7 +249,7 @@ class LargestValue:
 
     def measure(self, probed, probes, seed):
         yield
-        found = np.concatenate([kept.values for kept in probed.kept])[:probes]
+        found = np.concatenate([stratum.values for stratum in probed.strata])[:probes]
         value = max(float(found.max()) - 1.0, 0.0)
         return LayerError(self.metric, value, (value, value), 0.0, 0.0, 0.0, len(found), "none", 0.0, 0.0)
 

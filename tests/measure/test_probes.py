@@ -11,7 +11,7 @@ from strata.addon.devices.cpu import CpuRays
 from strata.addon.effects.shared.visibility_truth import unshadowed
 from strata.addon.measure.difficulty import Difficulty, Ground, classify, near_changes, reach
 from strata.addon.measure.probes import ProbeCollector
-from strata.addon.measure.shadow_probes import KEPT, WatchedShadow, shadow_strata
+from strata.addon.measure.shadow_probes import PIXELS_PER_PROBE, WatchedShadow, shadow_strata
 
 WIDTH, HEIGHT = 61, 47
 AXES = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)
@@ -51,7 +51,7 @@ def collected(tiles, watched=None, probes=4, seed=3, frame=1, spoil=None):
         layers = {layer.name: values[y0:y1] for layer in watched}
         finished(collector.add(Chunk(WIDTH, HEIGHT, y0, y1, 0, (0.0, 0.0)), tile, layers))
         y0 = y1
-    return shadow_strata(collector.kept(watched[0].name), watched[0].eye)
+    return shadow_strata(collector.strata(watched[0].name), watched[0].eye)
 
 
 def codes():
@@ -69,7 +69,7 @@ def test_every_stratum_keeps_its_smallest_priorities(probes):
     assert {Difficulty.PENUMBRA, Difficulty.EDGE, Difficulty.REST} <= {each & 7 for each in present}
     for each, stratum in zip(present, strata, strict=True):
         members = np.flatnonzero(code == each)
-        expected = np.sort(members[np.argsort(priority[members])][: KEPT[each & 7] * probes])
+        expected = np.sort(members[np.argsort(priority[members])][: PIXELS_PER_PROBE[each & 7] * probes])
         assert stratum.difficulty == each & 7
         assert stratum.population == len(members)
         assert stratum.pixels.tolist() == expected.tolist()
@@ -93,7 +93,7 @@ def test_the_choice_does_not_depend_on_tiles(tiles, probes):
 def test_a_part_of_a_choice_is_the_choice_of_fewer_probes():
     many, few = collected([HEIGHT], probes=3), collected([HEIGHT], probes=1)
     for large, small in zip(many, few, strict=True):
-        part = large.at(large.smallest(KEPT[large.difficulty]))
+        part = large.at(large.smallest(PIXELS_PER_PROBE[large.difficulty]))
         assert part.pixels.tolist() == small.pixels.tolist()
         assert large.smallest(10**6).tolist() == list(range(len(large.pixels)))
 
@@ -113,7 +113,7 @@ def test_later_samples_are_passed_over_and_gaps_refused():
     surface, values = scene()
     collector = ProbeCollector([watched_shadow()], 4, 0, 1)
     finished(collector.add(Chunk(WIDTH, HEIGHT, 0, HEIGHT, 1, (0.2, 0.1)), surface, {"Shadow": values}))
-    assert list(collector.kept("Shadow")) == []
+    assert list(collector.strata("Shadow")) == []
     with pytest.raises(ValueError, match="row 5 came before that at row 0"):
         finished(collector.add(Chunk(WIDTH, HEIGHT, 5, HEIGHT, 0, (0.0, 0.0)), surface, {"Shadow": values}))
 
