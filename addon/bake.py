@@ -25,7 +25,7 @@ from .core.sequence import SequenceLayer, with_neutral
 from .core.slices import timed
 from .core.surface import Chunk
 from .devices.start import Devices, start_devices
-from .effects.shared.look import look
+from .effects.shared.coarse_picture import take_coarse_picture
 from .measure.budget import MeasuringOutlook
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured
@@ -64,15 +64,15 @@ class BakeJob:
         self.progress = 0.0
         self.stage = "Starting"
         self._started = self._shown = time.perf_counter()
-        self._seconds_left: float | None = None  # when last looked at
+        self._seconds_left: float | None = None  # when last shown
         self._forecasts: list[Forecast] = []  # of this shot and those to come
         self._measuring: Measuring | None = None
         self.tiles: deque[tuple[int, np.ndarray]] | None = None
         self._warnings = [*warnings, *outline.warnings, *arrays.warnings]
         self._read_seconds = read_seconds
-        self._look_seconds: list[float] = []  # by shot
+        self._coarse_picture_seconds: list[float] = []  # by shot
         self._held = held_bytes()
-        self.memory: MemoryEstimate | None = None  # told once the look has been taken
+        self.memory: MemoryEstimate | None = None  # told once the coarse picture has been taken
         self._results: list[Baked] = []
         self._failure: BaseException | None = None
         self._work = self._run()
@@ -135,7 +135,7 @@ class BakeJob:
         executor = Executor(self.devices.primary, self.devices.fallback, keeps_inputs=False)
         began, execution = time.perf_counter() - self._read_seconds, executor.execution
         self._forecasts = [self._forecast(graph, [graph], execution) for graph in self.graphs]
-        yield from self._look(executor)
+        yield from self._take_coarse_pictures(executor)
         executor.outline = self.outline
         for number in range(len(self.graphs)):
             yield from self._bake(executor, number, execution, began)
@@ -150,7 +150,7 @@ class BakeJob:
 
     def _bake(self, executor: Executor, number: int, execution: Execution, began: float) -> Iterator[None]:
         """One shot; what those to come read of the same stays with the executor."""
-        before = self._look_seconds[number] + (0.0 if number else self._read_seconds)
+        before = self._coarse_picture_seconds[number] + (0.0 if number else self._read_seconds)
         outline, options, graph = self.outline, self.options, self.graphs[number]
         later, sampling = self.graphs[number + 1 :], sampling_of(graph, options)
         groups, self.memory = groups_of(outline, graph, options, self._held)
@@ -189,7 +189,7 @@ class BakeJob:
             chunks=sampling.chunk_count,
             errors=errors,
             seconds=seconds,
-            look_seconds=self._look_seconds[number],
+            coarse_picture_seconds=self._coarse_picture_seconds[number],
             memory=self.memory,
             warnings=[*self._warnings, *shortage, *execution.warnings],
             sequence=self.sequence,
@@ -222,26 +222,26 @@ class BakeJob:
             tile = execution.films[name].image(slice(chunk.y0, chunk.y1))
             self.tiles.append((chunk.y0, tile))
 
-    def _look(self, executor: Executor) -> Generator[None]:
+    def _take_coarse_pictures(self, executor: Executor) -> Generator[None]:
         """Takes a coarse picture of each shot and plans again with it and with the arrays: boxes alone cannot
         tell that a wall hides the plain behind it, and maps would be spread over both, nor whether the house
         around a lamp is close to it."""
         device = self.devices.fallback
         for number, graph in enumerate(self.graphs):
-            self._look_seconds.append(0.0)
+            self._coarse_picture_seconds.append(0.0)
             if graph.surface is None or not graph.shot.has_eye:
                 continue
             node, shot = graph.surface, graph.shot
             geometry = executor.value(node.inputs[0], device)
             yield
-            looking = look(device, geometry, self.outline, shot, node.params["visible"])
-            seen, seconds = yield from timed(self._showing(unless_cancelled(looking, device.cancel_flag)))
+            taking = take_coarse_picture(device, geometry, self.outline, shot, node.params["visible"])
+            seen, seconds = yield from timed(self._showing(unless_cancelled(taking, device.cancel_flag)))
             if len(seen):
                 started = time.perf_counter()
                 self.outline = replace(self.outline, distance_m=device.distance_m)
                 self.graphs[number] = plan_scene(self.outline, replace(shot, seen=seen), self.options)
                 seconds += time.perf_counter() - started
-            self._look_seconds[number] = seconds
+            self._coarse_picture_seconds[number] = seconds
 
     def _showing[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
         """The same, telling `progress` at its yields."""
@@ -281,10 +281,10 @@ def read_scene(
     Only on the main thread."""
     from .scene.render_depsgraph import with_render_depsgraph
 
-    def look(depsgraph):
+    def read(depsgraph):
         return read_depsgraph(depsgraph, options, camera, size)
 
-    return with_render_depsgraph(scene, view_layer, look, frame, camera)
+    return with_render_depsgraph(scene, view_layer, read, frame, camera)
 
 
 def read_job(
@@ -294,19 +294,19 @@ def read_job(
     frame: int | None = None,
     camera=None,
     size=None,
-    **more,
+    **job_arguments,
 ) -> BakeJob:
     """A bake of the scene as F12 would see it. `options_of(scene)` is asked with the scene as evaluated at
-    the frame, where animated and driven settings have their values; `more` goes to the BakeJob. Only on the
-    main thread."""
+    the frame, where animated and driven settings have their values; `job_arguments` go to the BakeJob. Only
+    on the main thread."""
     from .scene.render_depsgraph import with_render_depsgraph
 
-    def look(depsgraph):
+    def read(depsgraph):
         options = options_of(depsgraph.scene_eval)
         return options, read_depsgraph(depsgraph, options, camera, size)
 
-    options, (*read, seconds) = with_render_depsgraph(scene, view_layer, look, frame, camera)
-    return BakeJob(*read, options, read_seconds=seconds, **more)
+    options, (*found, seconds) = with_render_depsgraph(scene, view_layer, read, frame, camera)
+    return BakeJob(*found, options, read_seconds=seconds, **job_arguments)
 
 
 def bake(scene, view_layer, options: Options, **where) -> Baked:

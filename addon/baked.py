@@ -41,7 +41,7 @@ def put_together(
     chunks: int,
     errors: dict[str, LayerError | NotMeasured],
     seconds: float,
-    look_seconds: float,
+    coarse_picture_seconds: float,
     memory: MemoryEstimate | None,
     warnings: Sequence[str],
     sequence: tuple[SequenceLayer, ...],
@@ -49,16 +49,17 @@ def put_together(
     has_picture: bool,
 ) -> Baked:
     """`chosen`: parameters by effect id; `chunks` is how often a surface was made, `errors` by layer;
-    `seconds` are of the whole bake and `look_seconds` of its coarse picture. `missing`: what the graph lacks
-    of `sequence`, for which neutral layers stand. `has_picture`: there is a composite, also of nothing."""
+    `seconds` are of the whole bake and `coarse_picture_seconds` of its coarse picture. `missing`: what the
+    graph lacks of `sequence`, for which neutral layers stand. `has_picture`: there is a composite, also of
+    nothing."""
     own, shot = _own_nodes(graph), graph.shot
     layers, costs = [], {}
     for layer in (layer for layer in graph.layers if layer.effect):
-        # Any layer needs the look; it is a layer's own where there is no other.
-        own_look = look_seconds if len(own) == 1 else 0.0
+        # Any layer needs the coarse picture; it is a layer's own where there is no other.
+        own_coarse_picture_seconds = coarse_picture_seconds if len(own) == 1 else 0.0
         costs[layer.name] = (
-            own_look + execution.seconds(own[layer.name]),
-            look_seconds + execution.seconds(graph.nodes(layer.roots), chunks),
+            own_coarse_picture_seconds + execution.seconds(own[layer.name]),
+            coarse_picture_seconds + execution.seconds(graph.nodes(layer.roots), chunks),
         )
         error = errors[layer.name].to_json() if layer.name in errors else {}
         params = chosen[layer.effect]
@@ -87,7 +88,7 @@ def put_together(
         StepTime(timing.node.step.name, timing.node.instance, timing.device, timing.seconds)
         for timing in execution.timings.values()
     ]
-    steps.insert(0, StepTime("look", "camera", devices.fallback.name, look_seconds))
+    steps.insert(0, StepTime("coarse_picture", "camera", devices.fallback.name, coarse_picture_seconds))
     report = report_of(
         outline=outline,
         graph=graph,

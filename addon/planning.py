@@ -89,8 +89,8 @@ class Options:
 
 def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
     """What would run, what is left out, and why."""
-    more = [composite.record if options.composite else composite.leave_out]
-    more += [lit.record] * options.lit + [_record_probed]
+    recordings = [composite.record if options.composite else composite.leave_out]
+    recordings += [lit.record] * options.lit + [_record_probed]
     lamps = None
     if options.lights is not None:
         lights = enumerate(outline.lights)
@@ -99,7 +99,7 @@ def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
         outline,
         shot,
         options.chosen(),
-        *more,
+        *recordings,
         offers=options.offers(),
         lamps=lamps,
         keeps_unused=options.keeps_unused,

@@ -41,7 +41,7 @@ def sequence_layers(
         return None
     order = list(coarse_to_fine(first, last, frames[0]))
 
-    def look(depsgraph, go_to) -> tuple[SequenceLayer, ...]:
+    def read(depsgraph, go_to) -> tuple[SequenceLayer, ...]:
         found: dict[str, SequenceLayer] = {}
         candidates = None
         for number, frame in enumerate(order):
@@ -65,7 +65,7 @@ def sequence_layers(
                 break
         return tuple(sorted(found.values(), key=lambda layer: _place(layer, options.registry)))
 
-    return with_render_frames(scene, view_layer, look, order[0], camera)
+    return with_render_frames(scene, view_layer, read, order[0], camera)
 
 
 def coarse_to_fine(first: int, last: int, start: int) -> Iterator[int]:

@@ -33,10 +33,10 @@ def read_plan(
 
     how = ScanOptions(size, camera.name if camera else None)
 
-    def look(depsgraph) -> tuple[Scan, Options]:
+    def read(depsgraph) -> tuple[Scan, Options]:
         return scan(depsgraph, how), options_of(depsgraph.scene_eval)
 
-    scanned, options = with_render_depsgraph(scene, view_layer, look, frame, camera)
+    scanned, options = with_render_depsgraph(scene, view_layer, read, frame, camera)
     outline = scanned.outline
     graph = plan_scene(outline, scanned.shot, options)
     return outline, graph, groups_of(outline, graph, options, held_bytes())[1]

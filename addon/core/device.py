@@ -172,7 +172,7 @@ class GpuSteps(Device, Protocol):
     def clear(self, image: GpuImage, value: float) -> None:
         """Sets every component."""
 
-    def kept(self, name: str, make: Callable[[], Any]) -> Any:
+    def constant(self, name: str, make: Callable[[], Any]) -> Any:
         """A value made once and kept as long as the device, such as a constant table."""
 
     def dispatch(

@@ -16,11 +16,11 @@ from .execution import Execution
 from .film import Take, takes_of
 from .free_memory import check_room
 from .graph import Graph, Node, PlannedLayer, Rate
-from .kept import Framed, Kept, Passing
 from .outline import Outline
 from .reach import margins_of, reach_of
 from .sampling import Sampling
 from .surface import Chunk
+from .value_stores import FrameValues, SceneValues, TileValues
 
 
 class Collector(Protocol):
@@ -42,7 +42,7 @@ class _Context:
 
     graph: Graph | None = None
     chunk: Chunk | None = None
-    store: Passing | Framed | None = None
+    store: TileValues | FrameValues | None = None
     epoch: int = 0
     execution: Execution = field(default_factory=Execution)
     margins: dict[Node, tuple[int, ...]] = field(default_factory=dict)
@@ -54,10 +54,10 @@ class Executor:
     what did not change does not run again.
 
     `fallback` is the CPU device, taken where the primary lacks a twin or fails; it may be the primary.
-    `keeps_inputs`: values that only other kept values were made of stay too (a preview's slider may want
-    them again); if not, they are freed as soon as nothing of the graph needs them. `kept_surface_bytes`
-    bounds what `frame` keeps of values that do depend on the surface, `kept_bytes` what it keeps of those
-    that do not, also while it works. `outline` is what sizes follow from (Step.bytes_of), if it is known.
+    `keeps_inputs`: values that only other kept values were made of stay too (a preview's slider may want them
+    again); if not, they are freed as soon as nothing of the graph needs them. `most_surface_bytes` bounds
+    what `frame` keeps of values that do depend on the surface, `most_scene_bytes` what it keeps of those that
+    do not, also while it works. `outline` is what sizes follow from (Step.bytes_of), if it is known.
 
     Several runs and frames may be under way at once, a step of one after a step of another, and any may be
     abandoned between two nodes.
@@ -67,20 +67,20 @@ class Executor:
         self,
         primary: Device,
         fallback: Device,
-        kept_values: int = 64,
+        most_scene_values: int = 64,
         keeps_inputs: bool = True,
-        kept_surface_bytes: int = 0,
-        kept_bytes: int | None = None,
+        most_surface_bytes: int = 0,
+        most_scene_bytes: int | None = None,
     ):
         self.primary = primary
         self.fallback = fallback
         self.keeps_inputs = keeps_inputs
         self.outline: Outline | None = None
         self._devices = {device.name: device for device in (fallback, primary)}.values()
-        self.kept = Kept(self._devices, kept_values, kept_bytes)
-        self._framed = Framed(kept_surface_bytes)
+        self.scene_values = SceneValues(self._devices, most_scene_values, most_scene_bytes)
+        self._frame_values = FrameValues(most_surface_bytes)
         self._broken: dict[tuple[str, str], str] = {}
-        self._now = _Context(store=Passing(self._devices))
+        self._now = _Context(store=TileValues(self._devices))
 
     @property
     def execution(self) -> Execution:
@@ -98,8 +98,8 @@ class Executor:
         """A generator of the share done so far, one value a node; `self.execution` holds the result at its
         end. `execution` goes on with an earlier run's. `sampled` is called after each sample of a tile.
         Raises Cancelled when the flag of either device is set."""
-        passing = Passing(self._devices)
-        context = _Context(graph, store=passing, execution=execution or Execution())
+        tile_values = TileValues(self._devices)
+        context = _Context(graph, store=tile_values, execution=execution or Execution())
         self._go_on(context)
         if not graph.layers:
             return
@@ -131,7 +131,7 @@ class Executor:
                     self._go_on(context)
                     self._make(node)
                     collected |= {take.name: self.collect(take, chunk) for take in taken.get(node, ())}
-                    passing.forget({each.key for each in spent.get(node, ())})
+                    tile_values.forget({each.key for each in spent.get(node, ())})
                     done += 1
                     yield done / total
                 self._go_on(context)
@@ -142,7 +142,7 @@ class Executor:
                         yield done / total
                         self._raise_if_cancelled()
                         self._go_on(context)
-                passing.clear()
+                tile_values.clear()
                 if chunk.y1 == sampling.height:
                     context.execution.samples = chunk.sample + 1
                 if sampled is not None:
@@ -156,20 +156,19 @@ class Executor:
             for name in {take.name for take in takes} - {layer.name for layer in graph.layers}:
                 del context.execution.images[name]
         finally:
-            passing.clear()
+            tile_values.clear()
             self._trim()
 
     def frame(
         self, graph: Graph, chunk: Chunk, epoch: int = 0, execution: Execution | None = None
     ) -> Iterator[float]:
         """A generator as `run`, of one chunk: a preview's frame. Values at its surface are kept too, so that
-        the next frame of the same camera runs only what has changed (Framed says what `epoch` is). When it
-        has ended, `layer_value` gives the images, and `self.execution` tells what ran; `execution` goes on
-        counting an earlier one's nodes. Steps on finished images run only where the chunk is one.
-        """
+        the next frame of the same camera runs only what has changed (FrameValues says what `epoch` is). When
+        it has ended, `layer_value` gives the images, and `self.execution` tells what ran; `execution` goes on
+        counting an earlier one's nodes. Steps on finished images run only where the chunk is one."""
         takes = takes_of(graph)
         margins = margins_of(graph, takes)
-        context = _Context(graph, chunk, self._framed, epoch, execution or Execution(), margins)
+        context = _Context(graph, chunk, self._frame_values, epoch, execution or Execution(), margins)
         self._go_on(context)
         roots = [node for take in takes for node in (take.node, take.weight) if node]
         roots = [layer.node for layer in graph.layers] if chunk.is_picture else roots
@@ -180,14 +179,14 @@ class Executor:
                 self._go_on(context)
                 if node.rate != Rate.SCENE:
                     self._make(node)
-                    self.kept.trim()
+                    self.scene_values.trim()
                 elif node.step.twin(self.primary.name) or self.primary is self.fallback:
                     self.value(node, self.primary)
                 yield done / len(nodes)
         finally:
             self._go_on(context)
-            self.kept.trim()
-            self._framed.trim({self._place(node, self._home(node), 0)[1] for node in roots})
+            self.scene_values.trim()
+            self._frame_values.trim({self._place(node, self._home(node), 0)[1] for node in roots})
 
     def develop(self, graph: Graph, takes: Iterable[Take], execution: Execution) -> Iterator[None]:
         """Runs the steps that read finished images, on those of `execution` or what its films hold so far,
@@ -195,9 +194,9 @@ class Executor:
         nodes = [node for node in graph.nodes() if node.rate == Rate.PICTURE]
         if not nodes:
             return
-        passing = Passing(self._devices)
+        tile_values = TileValues(self._devices)
         images = {take.node: execution.image(take.name) for take in takes if take.is_whole}
-        context = _Context(graph, store=passing, execution=execution, images=images)
+        context = _Context(graph, store=tile_values, execution=execution, images=images)
         try:
             for node in nodes:
                 self._go_on(context)
@@ -207,7 +206,7 @@ class Executor:
                         execution.images[layer.name] = self._home(node).to_host(value)
                 yield
         finally:
-            passing.clear()
+            tile_values.clear()
 
     def collect(self, take: Take, chunk: Chunk) -> np.ndarray:
         """Adds a film's tile of the run or frame that worked last; returns the tile on the host."""
@@ -222,7 +221,7 @@ class Executor:
 
     def _go_on(self, context: _Context) -> None:
         self._now = context
-        self._framed.epoch = context.epoch
+        self._frame_values.epoch = context.epoch
 
     def _make(self, node: Node) -> None:
         """The node's values as far around the chunk as anybody wants them, while their inputs are there."""
@@ -296,19 +295,21 @@ class Executor:
 
     def keep_only(self, *graphs: Graph) -> None:
         """Frees kept values that no node of these graphs has, such as the maps of where a light was."""
-        self.kept.keep_only({node.key for graph in graphs for node in graph.nodes()})
+        self.scene_values.keep_only({node.key for graph in graphs for node in graph.nodes()})
 
     def release(self) -> None:
         """Frees everything that was kept."""
-        self._framed.clear()
+        self._frame_values.clear()
         if self._now.store is not None:
             self._now.store.clear()
-        self.kept.keep_only(())
+        self.scene_values.keep_only(())
 
-    def _place(self, node: Node, device: Device, margin: int) -> tuple[Kept | Passing | Framed, tuple]:
+    def _place(
+        self, node: Node, device: Device, margin: int
+    ) -> tuple[SceneValues | TileValues | FrameValues, tuple]:
         """Where the node's value is kept, and under which key."""
         if node.rate == Rate.SCENE:
-            return self.kept, (device.name, node.key)
+            return self.scene_values, (device.name, node.key)
         now = self._now
         # What the surface carries is the graph's to say, and no part of the node's key.
         attributes = now.graph.surfaces.get(node)
@@ -353,7 +354,7 @@ class Executor:
             )
             return self._fallen_back(node, device, margin)
         if size:
-            self.kept.sizes[node.key] = size
+            self.scene_values.sizes[node.key] = size
         compiling = device.compile_seconds - compiling
         self.execution.add_time(node, device.name, time.perf_counter() - started - compiling)
         return value
@@ -368,11 +369,11 @@ class Executor:
         for item in node.inputs:
             readers[item.key] -= 1
             if readers[item.key] == 0 and not self.keeps_inputs:
-                self.kept.free(item.key)
+                self.scene_values.free(item.key)
 
     def _trim(self) -> None:
-        self.kept.trim()
-        self._framed.trim()
+        self.scene_values.trim()
+        self._frame_values.trim()
 
 
 def _taken_after(nodes: Sequence[Node], takes: Iterable[Take]) -> dict[Node, list[Take]]:
@@ -387,16 +388,16 @@ def _taken_after(nodes: Sequence[Node], takes: Iterable[Take]) -> dict[Node, lis
 
 
 def _last_uses(
-    nodes: Sequence[Node], taken: dict[Node, list[Take]], kept: Node | None
+    nodes: Sequence[Node], taken: dict[Node, list[Take]], spared: Node | None
 ) -> dict[Node, list[Node]]:
     """Of nodes at the surface in their order: what no later one reads, by the last that does, but for
-    `kept`."""
+    `spared`."""
     last: dict[Node, Node] = {}
     for node in nodes:
         read = (each for take in taken.get(node, ()) for each in (take.node, take.weight) if each)
         last |= {item: node for item in (*node.inputs, node, *read) if item.rate == Rate.SAMPLE}
     spent: dict[Node, list[Node]] = {}
     for item, node in last.items():
-        if item != kept:
+        if item != spared:
             spent.setdefault(node, []).append(item)
     return spent

@@ -184,8 +184,8 @@ class _Group:
         """Takes it in, unless all are then over the limit."""
         sizes = self._sizes
         new = {node for each in unit.nodes for node in sizes.maps(each)} - self._maps
-        stay = self._stay + sum(sizes.kept(node) for node in new if sizes.stays(node))
-        passing = max([sizes.kept(node) for node in new if not sizes.stays(node)], default=0)
+        stay = self._stay + sum(sizes.scene_bytes(node) for node in new if sizes.stays(node))
+        passing = max([sizes.scene_bytes(node) for node in new if not sizes.stays(node)], default=0)
         passing = max(self._passing, passing)
         tiles = self._tiles + sizes.tiles(unit)
         if limit is not None and stay + passing + tiles > limit:
@@ -203,7 +203,7 @@ class _Sizes:
     def __init__(self, graph: Graph, outline: Outline, sampling: Sampling):
         self._graph, self._outline, self._sampling = graph, outline, sampling
         self._tile = sampling.tile_rows * sampling.width
-        self._kept: dict[Node, int] = {}
+        self._scene_bytes: dict[Node, int] = {}
         self._maps: dict[Node, frozenset[Node]] = {}
         nodes = graph.nodes()
         self._read_at_surface = {item for node in nodes if node.rate != Rate.SCENE for item in node.inputs}
@@ -215,14 +215,14 @@ class _Sizes:
                 (sampling.tile_rows + 2 * m) * (sampling.width + 2 * m) for m in margins.get(node, (0,))
             )
             surfaces += pixels * sum(np.dtype(each.dtype).itemsize * each.channels for each in carried)
-        self.shared = sum(map(self.kept, for_all)) + surfaces + KERNEL_BYTES
+        self.shared = sum(map(self.scene_bytes, for_all)) + surfaces + KERNEL_BYTES
 
-    def kept(self, node: Node) -> int:
+    def scene_bytes(self, node: Node) -> int:
         """Of its value, where it does not depend on the surface."""
-        if node not in self._kept:
+        if node not in self._scene_bytes:
             measure = node.step.bytes_of
-            self._kept[node] = int(measure(node, self._outline)) if measure else 0
-        return self._kept[node]
+            self._scene_bytes[node] = int(measure(node, self._outline)) if measure else 0
+        return self._scene_bytes[node]
 
     def stays(self, node: Node) -> bool:
         """Whether it is read at the surface, and not only by other maps."""

@@ -21,11 +21,11 @@ from .roles import Role
 from .view import Vector
 
 Colour = tuple[float, float, float]
-Own = tuple[tuple[str, str, Any], ...]
+OwnSettings = tuple[tuple[str, str, Any], ...]
 """Settings that a light, an object or a material has of its own: effect's id, parameter and value."""
 
 
-def over[P: Params](own: Own, effect_id: str, params: P) -> P:
+def with_own[P: Params](params: P, own: OwnSettings, effect_id: str) -> P:
     """`params` of the effect with what of `own` is for it over them. Raises StrataError on a bad value."""
     values = {name: value for effect, name, value in own if effect == effect_id}
     if not values:
@@ -85,7 +85,7 @@ class Light:
     lights_media: bool = True
     receivers: frozenset[int] | None = None
     casters: frozenset[int] | None = None
-    own: Own = ()
+    own_settings: OwnSettings = ()
     providers: tuple[tuple[Role, str], ...] = ()
     pass_name: str = ""
     lamp: str = ""
@@ -96,7 +96,7 @@ class Light:
 
     def params_for[P: Params](self, effect_id: str, params: P) -> P:
         """The effect's parameters for this light: the scene's, `params`, with the light's own over them."""
-        return over(self.own, effect_id, params)
+        return with_own(params, self.own_settings, effect_id)
 
     @property
     def is_dark(self) -> bool:
@@ -153,7 +153,7 @@ class Material:
     emission: Colour = (0.0, 0.0, 0.0)
     medium: Medium | None = None
     has_surface: bool = True
-    own: Own = ()
+    own_settings: OwnSettings = ()
 
     @property
     def is_cutout(self) -> bool:
@@ -189,7 +189,7 @@ class Instance:
     casts_shadow: bool = True
     is_holdout: bool = False
     medium: Medium | None = None
-    own: Own = ()
+    own_settings: OwnSettings = ()
 
 
 class Instances(tuple[Instance, ...]):
@@ -225,9 +225,9 @@ class Instances(tuple[Instance, ...]):
         return np.array([instance.casts_shadow for instance in self], bool)
 
     @cached_property
-    def owning(self) -> list[tuple[int, Instance]]:
+    def with_own_settings(self) -> list[tuple[int, Instance]]:
         """Those that have settings of their own, with their indices."""
-        return [(index, each) for index, each in enumerate(self) if each.own]
+        return [(index, each) for index, each in enumerate(self) if each.own_settings]
 
     @cached_property
     def media(self) -> list[tuple[int, Instance]]:

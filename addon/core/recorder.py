@@ -70,7 +70,7 @@ class Recorder:
 
     def own_surface(self, node: Node, *attributes: str) -> Node:
         """The same of the shot's own shading points: one node for all effects, which the composite, the
-        coarse look and the probes rest on. Raises ValueError if it is another than before."""
+        coarse picture and the probes rest on. Raises ValueError if it is another than before."""
         if self._own_surface not in (None, node):
             raise ValueError("a shot has one surface of its own")
         self._own_surface = node
@@ -208,16 +208,16 @@ def plan(
     outline: Outline,
     shot: Shot,
     effects: dict[Effect, Params],
-    *more: Callable,
+    *recordings: Callable,
     offers: Mapping[Role, tuple[Offer, ...]] | None = None,
     lamps: tuple[int, ...] | None = None,
     keeps_unused: bool = False,
 ) -> Graph:
     """Records every effect that a shot of the scene needs; `effects` maps each to its parameters. Each of
-    `more`, called with recorder and outline, may record more, after them and for no effect. `offers`: what
-    effects offer (`Effect.offers`); a lamp that asks for none of them takes the first. `lamps`: indices of
-    the only lights whose layers are wanted, and no other layers; None: all. `keeps_unused`: also layers that
-    the picture takes from another effect."""
+    `recordings`, called with recorder and outline, may record more, after them and for no effect. `offers`:
+    what effects offer (`Effect.offers`); a lamp that asks for none of them takes the first. `lamps`: indices
+    of the only lights whose layers are wanted, and no other layers; None: all. `keeps_unused`: also layers
+    that the picture takes from another effect."""
     recorder = Recorder(outline, shot, offers, lamps, keeps_unused)
     for effect, params in effects.items():
         recorder.effect, recorder.params = effect, params
@@ -232,7 +232,7 @@ def plan(
     recorder.effect = recorder.params = None
     if lamps is None:
         _note_other_light(recorder, outline)
-    for record in more:
+    for record in recordings:
         record(recorder, outline)
     return recorder.graph()
 

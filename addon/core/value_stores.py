@@ -12,7 +12,7 @@ Key = tuple
 """The device's name, the node's key, and at the surface which part of it."""
 
 
-class Kept:
+class SceneValues:
     """Of nodes that do not depend on the surface, most recent last, so that what did not change does not run
     again. `most_values` and `most_bytes` bound them, as far as `sizes` (bytes by node) knows what they
     take."""
@@ -60,7 +60,7 @@ class Kept:
             self._devices[name].release(self._values.pop((name, node)))
 
 
-class Passing:
+class TileValues:
     """Values at the surface of one tile and sample."""
 
     def __init__(self, devices: Collection[Device]):
@@ -87,7 +87,7 @@ class Passing:
         self._values.clear()
 
 
-class Framed:
+class FrameValues:
     """Values at the surface that outlive their frame, at most `most_bytes` of them. Frames of one `epoch`
     make one picture: where not all fits, what older epochs used goes first, and then what was made last,
     since the next picture asks for all of it in the same order."""

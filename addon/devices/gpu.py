@@ -178,7 +178,7 @@ class GpuDevice:
         else:
             _mapped(value, self.release)
 
-    def kept(self, name: str, make) -> Any:
+    def constant(self, name: str, make) -> Any:
         """A value made once and kept as long as the device, such as a constant table."""
         if name not in self._kept:
             self._kept[name] = make()
@@ -262,7 +262,7 @@ class GpuDevice:
         return texture
 
     def finish(self) -> None:
-        marker = self.kept("finish", lambda: self._texture((1, 1), "R32F"))
+        marker = self.constant("finish", lambda: self._texture((1, 1), "R32F"))
         frame = self._gpu.types.GPUFrameBuffer(color_slots=[marker])
         with frame.bind():
             frame.clear(color=(0.0, 0.0, 0.0, 0.0))

@@ -18,16 +18,16 @@ from ..core.graph import Graph
 from ..core.outline import Light, Outline
 from ..core.shot import Shot
 from ..devices.start import Devices, start_devices
-from ..effects.shared.look import seen_boxes
+from ..effects.shared.coarse_picture import seen_boxes
 from ..planning import Options, plan_scene
 from ..scene.extract import extract
 from ..scene.rescan import Changes, patched
 from ..scene.scan import Scan, ScanOptions, scan
 from ..scene.viewport import Placement, hides_objects, shown_in
 
-KEPT_SURFACE_BYTES = 1 << 30
-KEPT_BYTES = 2 << 30  # maps, trees and geometry
-KEPT_VALUES = 128
+MOST_SURFACE_BYTES = 1 << 30
+MOST_SCENE_BYTES = 2 << 30  # maps, trees and geometry
+MOST_SCENE_VALUES = 128
 _versions = count(1)  # of all sessions, so that no two ever share a value by mistake
 
 
@@ -43,9 +43,9 @@ class Session:
         self.executor = Executor(
             self.devices.primary,
             self.devices.fallback,
-            kept_values=KEPT_VALUES,
-            kept_surface_bytes=KEPT_SURFACE_BYTES,
-            kept_bytes=min(KEPT_BYTES, free_bytes() // 2),
+            most_scene_values=MOST_SCENE_VALUES,
+            most_surface_bytes=MOST_SURFACE_BYTES,
+            most_scene_bytes=min(MOST_SCENE_BYTES, free_bytes() // 2),
         )
         self.outline: Outline | None = None
         self.version = 0
@@ -54,7 +54,7 @@ class Session:
         self._arrays: Arrays | None = None
         self._content: tuple | None = None
         self.wanted: dict[int, tuple[Graph, ...]] = {}  # what each viewport may run again, by its id
-        self._looks: dict[tuple, np.ndarray] = {}
+        self._coarse_pictures: dict[tuple, np.ndarray] = {}
 
     def read(
         self, depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D, placement: Placement, seed: int
@@ -125,7 +125,7 @@ class Session:
         values = {effect.id: params.lighter(share).as_dict() for effect, params in chosen.items()}
         options = replace(options, values=values, samples=1, probes=0)
         lights = tuple(
-            _lighter(light, chosen, share) if light.own else light for light in self.outline.lights
+            _lighter(light, chosen, share) if light.own_settings else light for light in self.outline.lights
         )
         outline, shot = replace(self.outline, lights=lights), self._shot(placement, scale)
         instances = outline.instances
@@ -135,18 +135,18 @@ class Session:
         return plan_scene(outline, shot, options)
 
     def still_plan(self, placement: Placement, options: Options) -> Graph:
-        """The bake's own, with its coarse look, for a pixel of the picture to each of the viewport's."""
+        """The bake's own, with its coarse picture, for a pixel of the picture to each of the viewport's."""
         outline, shot = self.outline, self._shot(placement, 1.0)
         graph = plan_scene(outline, shot, options)
         if graph.surface is None:
             return graph
         visible = graph.surface.params["visible"]
         key = (outline.version, shot.view, shot.computed_size, visible)
-        if key not in self._looks:
+        if key not in self._coarse_pictures:
             geometry = self.executor.value(graph.surface.inputs[0], self.devices.fallback)
-            self._looks.clear()
-            self._looks[key] = seen_boxes(self.devices.fallback, geometry, outline, shot, visible)
-        boxes = self._looks[key]
+            self._coarse_pictures.clear()
+            self._coarse_pictures[key] = seen_boxes(self.devices.fallback, geometry, outline, shot, visible)
+        boxes = self._coarse_pictures[key]
         if len(boxes):
             graph = plan_scene(outline, replace(shot, seen=boxes), options)
         return graph
@@ -180,9 +180,9 @@ def _shown(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) -> froz
 
 def _lighter(light: Light, chosen: dict[Effect, Any], share: float) -> Light:
     """With its own values as the scene's are while something moves."""
-    own = [
+    own_settings = [
         (effect.id, name, value)
         for effect, params in chosen.items()
         for name, value in light.params_for(effect.id, params).lighter(share).as_dict().items()
     ]
-    return replace(light, own=tuple(own))
+    return replace(light, own_settings=tuple(own_settings))

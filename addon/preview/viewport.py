@@ -211,8 +211,8 @@ class Viewport:
     def _refined(
         self, session: Session, placement: Placement, options: Options, name: str, longest_s: float
     ) -> Generator[None, None, Graph | None]:
-        """The bake, but for its measurement: coarse look, plan, sample by sample, their mean shown. Returns
-        what ran."""
+        """The bake, but for its measurement: coarse picture, plan, sample by sample, their mean shown.
+        Returns what ran."""
         started = time.perf_counter()
         graph = session.still_plan(placement, options)
         yield

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..core.effect import Effect
-from ..core.outline import Own
+from ..core.outline import OwnSettings
 from ..core.params import Colour, Lamp, ParamSpec
 from ..core.ramp import HuePath, Ramp, RampInterpolation, RampMode
 from ..effects.registry import EFFECTS
@@ -41,7 +41,7 @@ def own_specs(owner: str) -> dict[Effect, tuple[ParamSpec, ...]]:
     return {effect: specs for effect, specs in found.items() if specs}
 
 
-def own_settings_of(data: bpy.types.ID | None, owner: str) -> Own:
+def own_settings_of(data: bpy.types.ID | None, owner: str) -> OwnSettings:
     """Of an evaluated light, object or material; empty where it has none."""
     if data is None or "strata" not in data.bl_rna.properties or not data.is_property_set("strata"):
         return ()  # asked for, it would be made, and leak with a temporary object

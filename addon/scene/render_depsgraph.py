@@ -63,28 +63,28 @@ def _spare_render_slot() -> Iterator[None]:
 def with_render_depsgraph[Result](
     scene: bpy.types.Scene,
     view_layer: bpy.types.ViewLayer,
-    look: Callable[[bpy.types.Depsgraph], Result],
+    read: Callable[[bpy.types.Depsgraph], Result],
     frame: int | None = None,
     camera: bpy.types.Object | None = None,
 ) -> Result:
-    """Calls `look(depsgraph)` with the scene evaluated for rendering at the frame (None: the scene's own),
+    """Calls `read(depsgraph)` with the scene evaluated for rendering at the frame (None: the scene's own),
     and returns what it returns.
 
-    Nothing taken from the depsgraph outlives the call: copy arrays inside `look`. What it raises is raised
+    Nothing taken from the depsgraph outlives the call: copy arrays inside `read`. What it raises is raised
     here. The scene's settings, frame and camera, and the last render, stay as they were; handlers that other
     add-ons hang on renders do run.
     """
-    return with_render_frames(scene, view_layer, lambda depsgraph, _: look(depsgraph), frame, camera)
+    return with_render_frames(scene, view_layer, lambda depsgraph, _: read(depsgraph), frame, camera)
 
 
 def with_render_frames[Result](
     scene: bpy.types.Scene,
     view_layer: bpy.types.ViewLayer,
-    look: Callable[[bpy.types.Depsgraph, Callable[[int], None]], Result],
+    read: Callable[[bpy.types.Depsgraph, Callable[[int], None]], Result],
     frame: int | None = None,
     camera: bpy.types.Object | None = None,
 ) -> Result:
-    """`with_render_depsgraph` for many frames: `look(depsgraph, go_to)` may call `go_to(frame)`, which
+    """`with_render_depsgraph` for many frames: `read(depsgraph, go_to)` may call `go_to(frame)`, which
     evaluates anew only what changes."""
     global _replaced_engine
     outcome: list[Result] = []
@@ -103,7 +103,7 @@ def with_render_frames[Result](
                         f"scene '{scene.name}': Blender rendered frame {depsgraph.scene_eval.frame_current} "
                         f"where {frame} was asked for"
                     )
-                outcome.append(look(depsgraph, lambda number: self.frame_set(number, 0.0)))
+                outcome.append(read(depsgraph, lambda number: self.frame_set(number, 0.0)))
             except BaseException as failure:  # Blender would print it and go on
                 failures.append(failure)
 

@@ -108,13 +108,13 @@ def _with_lights(scan: Scan, outline: Outline, changed: Iterable[int], objects, 
         light, warnings = light_of(thing.data, thing.matrix_world, before.name, before.key)
         if light is None or any(warning not in outline.warnings for warning in warnings):
             return None
-        own = own_settings_of(thing.data, "Light")
+        own_settings = own_settings_of(thing.data, "Light")
         lights[index] = replace(
             light,
             receivers=before.receivers,
             casters=before.casters,
             lights_media=before.lights_media,
-            own=own,
+            own_settings=own_settings,
             pass_name=before.pass_name,
             lamp=before.lamp,
         )

@@ -114,7 +114,7 @@ class _Scanner:
     mesh_bounds: list[np.ndarray] = field(default_factory=list)
     mesh_indices: dict[int, int] = field(default_factory=dict)
     mesh_keys: dict[str, int] = field(default_factory=dict)
-    looks: dict[tuple, dict | None] = field(default_factory=dict)
+    appearances: dict[tuple, dict | None] = field(default_factory=dict)
     instances: list[dict] = field(default_factory=list)
     matrices: list[tuple[float, ...]] = field(default_factory=list)
     objects: list[bpy.types.Object] = field(default_factory=list)
@@ -199,13 +199,13 @@ class _Scanner:
         mesh, original = self._mesh_of(shown), shown.original
         # All that instances have in common but the matrix; scenes with many have few different ones.
         key = (original.session_uid, owner.original.session_uid, mesh.as_pointer())
-        if key not in self.looks:
+        if key not in self.appearances:
             has_faces = len(mesh.polygons) > 0
-            self.looks[key] = self._look(instance, shown, owner, mesh) if has_faces else None
-        look = self.looks[key]
-        if look is not None:
+            self.appearances[key] = self._appearance(instance, shown, owner, mesh) if has_faces else None
+        appearance = self.appearances[key]
+        if appearance is not None:
             matrix = instance.matrix_world
-            self.instances.append(look)
+            self.instances.append(appearance)
             self.objects.append(original)
             self.instance_owners.append(0 if instance.is_instance else original.session_uid)
             self.matrices.append((*matrix[0], *matrix[1], *matrix[2], *matrix[3]))
@@ -227,7 +227,9 @@ class _Scanner:
                 self._warn(f"object '{original.name}' is in Edit Mode: shown without its modifiers {names}")
         return self.edited_meshes[original.session_uid]
 
-    def _look(self, instance, shown: bpy.types.Object, owner: bpy.types.Object, mesh: bpy.types.Mesh) -> dict:
+    def _appearance(
+        self, instance, shown: bpy.types.Object, owner: bpy.types.Object, mesh: bpy.types.Mesh
+    ) -> dict:
         view_layer = self.depsgraph.view_layer_eval
         indirect_only = owner.indirect_only_get(view_layer=view_layer)
         slots = self._slot_materials(instance, shown, mesh)
@@ -245,7 +247,7 @@ class _Scanner:
             "casts_shadow": is_surface and shown.visible_shadow and owner.visible_shadow,
             "medium": None if is_surface else materials[0].medium,
             "is_holdout": shown.is_holdout or owner.holdout_get(view_layer=view_layer),
-            "own": own_settings_of(shown, "Object"),
+            "own_settings": own_settings_of(shown, "Object"),
         }
 
     def _mesh_index(self, shown: bpy.types.Object, mesh: bpy.types.Mesh) -> int:
@@ -290,7 +292,7 @@ class _Scanner:
             read, warnings = (
                 (default_material(), []) if material is None else material_of(material, self.images)
             )
-            self.materials.append(replace(read, own=own_settings_of(material, "Material")))
+            self.materials.append(replace(read, own_settings=own_settings_of(material, "Material")))
             for warning in warnings:
                 self._warn(warning)
         return index
@@ -311,17 +313,19 @@ class _Scanner:
             self._warn(f"object '{name}' is left out: its matrix is singular or not finite")
         matrices = matrices[usable]
         kept = np.flatnonzero(usable).tolist()
-        looks = [self.instances[index] for index in kept]
+        appearances = [self.instances[index] for index in kept]
         self.objects = [self.objects[index] for index in kept]
         self.instance_owners = [self.instance_owners[index] for index in kept]
-        boxes = np.array(self.mesh_bounds).reshape(-1, 2, 3)[[look["mesh"] for look in looks]]
+        boxes = np.array(self.mesh_bounds).reshape(-1, 2, 3)[
+            [appearance["mesh"] for appearance in appearances]
+        ]
         # The box of a transformed box (Arvo, Graphics Gems 1990).
         centres = np.einsum("nij,nj->ni", matrices[:, :3, :3], boxes.mean(axis=1)) + matrices[:, :3, 3]
         extents = np.einsum("nij,nj->ni", np.abs(matrices[:, :3, :3]), 0.5 * (boxes[:, 1] - boxes[:, 0]))
         lows, highs = (centres - extents).tolist(), (centres + extents).tolist()
         return tuple(
-            Instance(matrix=tuple(map(tuple, rows)), bounds=Bounds(tuple(low), tuple(high)), **look)
-            for look, rows, low, high in zip(looks, matrices.tolist(), lows, highs, strict=True)
+            Instance(matrix=tuple(map(tuple, rows)), bounds=Bounds(tuple(low), tuple(high)), **appearance)
+            for appearance, rows, low, high in zip(appearances, matrices.tolist(), lows, highs, strict=True)
         )
 
     # Lights
@@ -338,9 +342,9 @@ class _Scanner:
         for warning in warnings:
             self._warn(warning)
         if light is not None:
-            own = own_settings_of(shown.data, "Light")
+            own_settings = own_settings_of(shown.data, "Light")
             called = {"pass_name": named.pass_name, "lamp": named.lamp.name_full}
-            self.lights.append(replace(light, own=own, **called))
+            self.lights.append(replace(light, own_settings=own_settings, **called))
             self.light_objects.append((shown.original, parent.original))
             self.light_owners.append(0 if instance.is_instance else shown.original.session_uid)
 

@@ -26,11 +26,11 @@ class Effect:
     visibility: np.ndarray = field(init=False)
 
     def __call__(self) -> dict[str, float]:
-        """Seconds by step, a bake's coarse look among them, and `total` of all but the common ones."""
+        """Seconds by step, a bake's coarse picture among them, and `total` of all but the common ones."""
         geometry = self.case.device.geometry()
         started = time.perf_counter()
-        graph = self.case.looked(geometry, self.values)
-        seconds = {"look": time.perf_counter() - started}
+        graph = self.case.planned_closely(geometry, self.values)
+        seconds = {"coarse_picture": time.perf_counter() - started}
         executor = Executor(self.case.device, self.case.device)
         drain(executor.run(graph, Sampling(*graph.shot.size, 1, graph.shot.pixel_filter)))
         for timing in executor.execution.timings.values():

@@ -15,7 +15,7 @@ from strata.addon.core.outline import Light, Outline
 from strata.addon.core.recorder import plan
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.registry import EFFECTS
-from strata.addon.effects.shared.look import seen_boxes
+from strata.addon.effects.shared.coarse_picture import seen_boxes
 from strata.addon.scene.extract import extract
 from strata.addon.scene.render_depsgraph import with_render_depsgraph
 from strata.addon.scene.scan import ScanOptions, scan
@@ -60,8 +60,8 @@ class Case:
     def light(self, name: str) -> Light:
         return next(light for light in self.outline.lights if light.name == name)
 
-    def looked(self, geometry, values: dict) -> Graph:
-        """The plan after a coarse look, as a bake makes it, with these settings."""
+    def planned_closely(self, geometry, values: dict) -> Graph:
+        """The plan after a coarse picture, as a bake makes it, with these settings."""
         visible = self.graph.surface.params["visible"]
         seen = seen_boxes(self.device, geometry, self.outline, self.graph.shot, visible)
         outline = replace(self.outline, distance_m=self.device.distance_m)

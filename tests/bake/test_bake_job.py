@@ -15,7 +15,7 @@ from strata.addon.core.errors import Cancelled, StrataError
 from strata.addon.core.outline import Light, Outline
 from strata.addon.core.shot import Camera, Raster, Shot
 from strata.addon.devices.cpu import CpuDevice
-from strata.addon.effects.shared.look import COARSER, seen_boxes
+from strata.addon.effects.shared.coarse_picture import COARSER, seen_boxes
 from strata.addon.effects.shared.visibility_truth import SCORE, evaluate
 from strata.addon.effects.soft_shadow import EFFECT as SOFT_SHADOW
 from strata.addon.effects.soft_shadow.run import needed
@@ -43,7 +43,7 @@ def test_every_second_is_in_the_report_once(method):
     values = {"soft_shadow": {"method": method, "resolution": 512}}
     report = max((bake(probes=2048, samples=4, values=values).report for _ in range(3)), key=share_told)
     names = [step.name for step in report.steps]
-    assert names.count("look") == names.count("geometry") == names.count("surface") == 1
+    assert names.count("coarse_picture") == names.count("geometry") == names.count("surface") == 1
     # Measuring traces rays too; their tree is a step only where the layer itself needs it.
     assert names.count("ray_accelerator") == (method == "hybrid")
     (layer,) = report.layers
@@ -65,7 +65,7 @@ def test_what_layers_share_is_no_ones_own():
     outline, arrays = random_scene(1)
     lights = (outline.lights[0], replace(outline.lights[0], name="Other"))
     baked = job_of(replace(outline, lights=lights), arrays, shot_of(1)).result()
-    shared = {"look", "geometry", "surface"}
+    shared = {"coarse_picture", "geometry", "surface"}
     first, second = baked.report.layers
     steps = dict.fromkeys(("shared", "own"), 0.0)
     for step in baked.report.steps:
@@ -147,9 +147,9 @@ def test_what_there_is_so_far_is_shown_and_changes_nothing():
     assert apart[0] > 0.0 == apart[-1]
 
 
-def test_a_bake_whose_every_layer_the_look_empties():
-    """Boxes say that the lamp shines on the floor; the look, that the lid hides both from the camera. What it
-    hides is larger than what is seen: smaller things could be between the look's pixels."""
+def test_a_bake_whose_every_layer_the_coarse_picture_empties():
+    """Boxes say that the lamp shines on the floor; the coarse picture, that the lid hides both from the
+    camera. What it hides is larger than what is seen: smaller things could be between its pixels."""
     lid, plate = ((-9.0, -9.0, 6.0), (9.0, 9.0, 6.0)), ((-2.5, -2.5, 1.0), (2.5, 2.5, 1.0))
     outline, arrays = scene_of([FLOOR, plate, lid], [lamp()])
     job = job_of(outline, arrays, samples=2)
@@ -160,8 +160,8 @@ def test_a_bake_whose_every_layer_the_look_empties():
     assert dict(baked.report.left_out)["Soft Shadow Lamp"] == "reaches nothing in view"
 
 
-def test_hairs_between_the_looks_pixels_are_kept():
-    """A hair a thousandth of a pixel wide, right between two of the look's columns."""
+def test_hairs_between_the_coarse_pictures_pixels_are_kept():
+    """A hair a thousandth of a pixel wide, right between two of the coarse picture's columns."""
     side = 64 // COARSER
     step = 2.0 * 10.0 * 18.0 / 50.0 / side  # metres of a look's pixel on the floor
     hair = ((0.0, -0.3, 0.01), (0.001 * step, 0.3, 0.01))

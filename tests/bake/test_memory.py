@@ -222,8 +222,8 @@ def test_a_frame_keeps_no_more_maps_than_it_may():
     read = Step("read", cpu=lambda device, surface, value: surface["depth"] + value)
     graph = depth_graph(outline)
     most = []
-    for kept_bytes in (None, 250):
-        executor = Executor(device, device, keeps_inputs=True, kept_bytes=kept_bytes)
+    for most_scene_bytes in (None, 250):
+        executor = Executor(device, device, keeps_inputs=True, most_scene_bytes=most_scene_bytes)
         executor.outline = outline
         layers = tuple(
             replace(
@@ -235,7 +235,7 @@ def test_a_frame_keeps_no_more_maps_than_it_may():
         )
         held = []
         for _ in executor.frame(replace(graph, layers=layers), next(Sampling(*SHOT.size).chunks())):
-            sizes = [executor.kept.sizes.get(key, 0) for _, key in executor.kept._values]
+            sizes = [executor.scene_values.sizes.get(key, 0) for _, key in executor.scene_values._values]
             held.append(sum(size for size in sizes if size == 100))
         most.append(max(held))
         values = [executor.layer_value(layer)[1] for layer in layers]

@@ -19,7 +19,7 @@ from strata.tests.support.gpu_scenes import gpu_device
 from strata.tests.support.places import ROOT
 
 EFFECTS = sorted((ROOT / "addon/effects").rglob("*.py"))
-CORE = [ROOT / "addon/core" / name for name in ("executor.py", "graph.py", "kept.py")]
+CORE = [ROOT / "addon/core" / name for name in ("executor.py", "graph.py", "value_stores.py")]
 
 
 def members(protocol: type) -> set[str]:

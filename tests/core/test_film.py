@@ -174,11 +174,11 @@ def test_a_preview_develops_what_it_has_so_far(scene):
     assert np.array_equal(executor.layer_value(graph.layers[0])[1], images(graph, device, 1)["Squared"])
 
 
-@pytest.mark.parametrize("kept_surface_bytes", [0, 16 * SIZE[0] * SIZE[1], 1 << 20])
-def test_a_preview_makes_each_sample_once_whatever_it_may_keep(scene, kept_surface_bytes):
+@pytest.mark.parametrize("most_surface_bytes", [0, 16 * SIZE[0] * SIZE[1], 1 << 20])
+def test_a_preview_makes_each_sample_once_whatever_it_may_keep(scene, most_surface_bytes):
     outline, device = scene
     graph, execution = depth_graph(outline), Execution()
-    executor = Executor(device, device, kept_surface_bytes=kept_surface_bytes)
+    executor = Executor(device, device, most_surface_bytes=most_surface_bytes)
     sampling = Sampling(*SIZE, 6, BOX, tile_pixels=TILES[1], is_progressive=True)
     for chunk in sampling.chunks():
         drain(executor.frame(graph, chunk, 1, execution))

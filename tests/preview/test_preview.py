@@ -323,7 +323,7 @@ def test_a_lights_own_settings_count_and_are_lightened_too(backend):
     own = (("soft_shadow", "resolution", 1024),)
     watched.draw()
     session = watched.session
-    lights = tuple(replace(light, own=own) for light in session.outline.lights)
+    lights = tuple(replace(light, own_settings=own) for light in session.outline.lights)
     session.outline = replace(session.outline, lights=lights)
 
     def sides(graph):

@@ -105,7 +105,7 @@ def check_many_rounds(before: dict[str, list[str]]) -> None:
     settled = 0.0
     for number in range(ROUNDS):
         if device := start_gpu():
-            device.kept("check", lambda device=device: device.upload(np.ones((512, 1024), np.float32)))
+            device.constant("check", lambda device=device: device.upload(np.ones((512, 1024), np.float32)))
             device.finish()
         addon_utils.disable(MODULE)
         assert registered() == before, f"round {number}"

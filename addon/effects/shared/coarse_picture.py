@@ -1,4 +1,4 @@
-"""A first, coarse look at the scene: where the surfaces in view really are."""
+"""A first, coarse picture of the scene: where the surfaces in view really are."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from ...core.surface import Chunk
 from .steps import SURFACE
 
 COARSER = 4
-"""Pixels of the image, across and up, to one of the look."""
+"""Pixels of the image, across and up, to one of the coarse picture."""
 
 TILE = 8
-"""The look's pixels, across and up, that share a box."""
+"""The coarse picture's pixels, across and up, that share a box."""
 
 MARGIN, REACH = 0.25, 2.0
-"""A box grows on each side by this share of itself and by so many of the look's pixels."""
+"""A box grows on each side by this share of itself and by so many of its pixels."""
 
 
 STRIP_PIXELS = 1 << 17
-"""Of the look, rasterised between two yields: a few hundredths of a second. Every strip sets all triangles up
-again."""
+"""Of the coarse picture, rasterised between two yields: a few hundredths of a second. Every strip sets all
+triangles up again."""
 
 
 def seen_boxes(device, geometry, outline: Outline, shot: Shot, visible: frozenset[int]) -> np.ndarray:
-    """`look`, to its end."""
-    return finished(look(device, geometry, outline, shot, visible))
+    """`take_coarse_picture`, to its end."""
+    return finished(take_coarse_picture(device, geometry, outline, shot, visible))
 
 
-def look(
+def take_coarse_picture(
     device, geometry, outline: Outline, shot: Shot, visible: frozenset[int]
 ) -> Generator[None, None, np.ndarray]:
     """(M, 2, 3) float64 boxes, world space, around the points of the instances `visible` that the camera
-    sees, a tile of the image each; and the boxes of instances that the look hit nowhere, since they may be
-    too thin for it, unless they are larger than all that was hit: those are hidden. `device` is the CPU,
+    sees, a tile of the image each; and the boxes of instances that the picture shows nowhere, since they may
+    be too thin for it, unless they are larger than all that was hit: those are hidden. `device` is the CPU,
     `geometry` its handle. Yields between strips of the picture."""
     width, height = (-(-side // COARSER) for side in shot.computed_size)
     attributes = frozenset({"position", "depth", "instance"})
@@ -69,7 +69,7 @@ def _boxes(surface: dict[str, np.ndarray], shot: Shot, width: int) -> np.ndarray
     high = _by_tile(np.maximum, np.where(hit, surface["position"], np.float32(-np.inf)), -np.inf)
     shown = np.isfinite(low[:, 0])
     low, high = low[shown].astype(np.float64), high[shown].astype(np.float64)
-    # What falls between the look's pixels, or a filter's width beside them.
+    # What falls between the coarse picture's pixels, or a filter's width beside them.
     left, right, _, _ = shot.view.window
     scale = np.ones(len(low))
     if not shot.view.orthographic:

@@ -65,7 +65,7 @@ def _irradiance(device, surface, eye, emitter, receivers):
 
 
 def _composite(device, albedo, *inputs, joins, is_rest=True):
-    queue, told = iter(inputs), []
+    queue, for_kernel = iter(inputs), []
     for join in joins:
         kind, *details = join
         images, share = [next(queue) for _ in range(image_count(join))], np.zeros(3, np.float32)
@@ -74,8 +74,8 @@ def _composite(device, albedo, *inputs, joins, is_rest=True):
         elif kind in _VEILS and not is_rest:  # of what lies over the light, only what it hides
             hides = np.array((0.0, 0.0, 0.0, 1.0), np.float32)
             images[::2] = [image * hides for image in images[::2]]
-        told.append((kind, [np.ascontiguousarray(image) for image in images], share.tolist()))
-    total = device.kernels.composite(np.ascontiguousarray(albedo), told)
+        for_kernel.append((kind, [np.ascontiguousarray(image) for image in images], share.tolist()))
+    total = device.kernels.composite(np.ascontiguousarray(albedo), for_kernel)
     if not is_rest:
         total[..., 3] = 0.0
     return total

@@ -312,7 +312,7 @@ def _first_rows(device):
         device.dispatch(FIRST_ROWS, rows.size, {"rows": rows})
         return rows
 
-    return device.kept("soft_shadow/first_rows", make)
+    return device.constant("soft_shadow/first_rows", make)
 
 
 def _light_params(emitter: Emitter, view: View, eye) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.outline import Instance, Material, Outline, over
+from ...core.outline import Instance, Material, Outline, with_own
 from ...core.ramp import Ramp
 from .params import ToonObjectParams, ToonParams
 from .ramp_table import table_of
@@ -37,15 +37,15 @@ def ramps_of(outline: Outline, params: ToonParams) -> Ramps:
     """The scene's ramp first, then those that materials and objects have of their own."""
     known: dict[Ramp, int] = {params.ramp: 0}
 
-    def index(own: ToonObjectParams, otherwise: int) -> int:
-        if own.excluded:
+    def index(settings: ToonObjectParams, otherwise: int) -> int:
+        if settings.excluded:
             return EXCLUDED
-        return known.setdefault(own.ramp, len(known)) if own.use_ramp else otherwise
+        return known.setdefault(settings.ramp, len(known)) if settings.use_ramp else otherwise
 
-    materials = [index(own_of(material), 0) for material in outline.materials]
+    materials = [index(settings_of(material), 0) for material in outline.materials]
     instances = np.full(len(outline.instances), BY_MATERIAL, np.int32)
-    for number, instance in outline.instances.owning:
-        instances[number] = index(own_of(instance), BY_MATERIAL)
+    for number, instance in outline.instances.with_own_settings:
+        instances[number] = index(settings_of(instance), BY_MATERIAL)
     tables = [table_of(ramp) for ramp in known]
     return Ramps(
         np.array(materials, np.int32),
@@ -56,24 +56,24 @@ def ramps_of(outline: Outline, params: ToonParams) -> Ramps:
     )
 
 
-def own_of(part: Instance | Material) -> ToonObjectParams:
+def settings_of(part: Instance | Material) -> ToonObjectParams:
     """What an instance or a material has of its own for this effect."""
-    return over(part.own, "toon", NOTHING_OWN)
+    return with_own(NOTHING_OWN, part.own_settings, "toon")
 
 
 def excluded_instances(outline: Outline) -> frozenset[int]:
     """Instances that are, or whose every material is, left to the picture below."""
-    return _where_all_say(outline, lambda own: own.excluded)
+    return _where_all_say(outline, lambda settings: settings.excluded)
 
 
 def without_outline(outline: Outline) -> frozenset[int]:
     """Instances that have, or whose every material has, no outline."""
-    return _where_all_say(outline, lambda own: not own.outline)
+    return _where_all_say(outline, lambda settings: not settings.outline)
 
 
 def _where_all_say(outline: Outline, says: Callable[[ToonObjectParams], bool]) -> frozenset[int]:
-    found = {index for index, each in outline.instances.owning if says(own_of(each))}
-    materials = {index for index, material in enumerate(outline.materials) if says(own_of(material))}
+    found = {index for index, each in outline.instances.with_own_settings if says(settings_of(each))}
+    materials = {index for index, material in enumerate(outline.materials) if says(settings_of(material))}
     if materials:
         every = enumerate(outline.instances)
         found.update(index for index, each in every if materials.issuperset(each.materials))

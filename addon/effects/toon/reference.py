@@ -19,7 +19,7 @@ from ...core.surface import SurfacePoints
 from ...core.view_rays import ViewRays
 from ..shared import lit, visibility_truth
 from .hull_rays import HullRays
-from .looks import excluded_instances, own_of
+from .object_settings import excluded_instances, settings_of
 from .params import NO_FADE, Anchor, Light, Mix, Normals, ShadowEdge, ToonParams
 from .ramp_table import table_of
 
@@ -59,7 +59,7 @@ def toon(rays: RayCaster, outline: Outline, layer: PlannedLayer, seen: ViewRays,
 def _by_ramp(outline, params, material, surface, here):
     """The ramps of the points `here`, which are of one material, with their indices; None for excluded."""
     instances = surface.get("instance")
-    of_material = own_of(material)
+    of_material = settings_of(material)
     general = of_material.ramp if of_material.use_ramp else params.ramp
     general = None if of_material.excluded else general
     chosen = np.flatnonzero(here)
@@ -67,8 +67,8 @@ def _by_ramp(outline, params, material, surface, here):
         yield general, chosen
         return
     for instance in np.unique(instances[chosen]):
-        own = own_of(outline.instances[instance])
-        ramp = None if own.excluded else own.ramp if own.use_ramp else general
+        settings = settings_of(outline.instances[instance])
+        ramp = None if settings.excluded else settings.ramp if settings.use_ramp else general
         yield ramp, chosen[instances[chosen] == instance]
 
 
@@ -186,7 +186,7 @@ def halftone(rays: RayCaster, outline: Outline, layer: PlannedLayer, seen: ViewR
     found = np.isfinite(seen.distances)
     inked = np.ones(len(outline.instances) + 1, bool)
     inked[[*excluded_instances(outline), -1]] = False
-    left_out = [own_of(material).excluded for material in outline.materials]
+    left_out = [settings_of(material).excluded for material in outline.materials]
     inked = inked[surface["instance"]] & ~np.array([*left_out, True])[surface["material"]]
     size = (1.0 - _light(rays, outline, params, seen, seed)) * params.halftone_scale
     at, cell = _places(outline, params, seen)
@@ -272,8 +272,8 @@ def outline_ink(
         depths, owners = hull_rays.first(places[here])
         inked = depths < nearest[here]
         for row, owner in zip(here[inked], owners[inked], strict=True):
-            own = own_of(outline.instances[owner])
-            colour = own.outline_color if own.use_outline_color else layer.params.outline_color
+            settings = settings_of(outline.instances[owner])
+            colour = settings.outline_color if settings.use_outline_color else layer.params.outline_color
             result[row] = (*colour, 1.0)
     return result[None]
 

@@ -15,7 +15,7 @@ from ..shared import lit
 from ..shared import steps as shared
 from . import pattern, steps
 from .lights import luminance, packed_lights
-from .looks import excluded_instances, own_of, ramps_of, without_outline
+from .object_settings import excluded_instances, ramps_of, settings_of, without_outline
 from .params import NO_CREASE, Anchor, Light, Normals, ShadowEdge, ToonParams, Unit
 
 NO_RIM = 1.0, 0.0, 0.0, 0.0, 0.0
@@ -62,7 +62,7 @@ def run(recorder: Recorder, outline: Outline, params: ToonParams) -> None:
     elif recorder.shot_has(HALFTONE.needs, "Toon Halftone"):
         node = _halftone(recorder, outline, params, surface, light, excluded)
         used = outline.instances.materials_of(visible - excluded)
-        if any(own_of(outline.materials[m]).excluded for m in used):
+        if any(settings_of(outline.materials[m]).excluded for m in used):
             node = recorder.step(steps.SPARE, node, shaded)
         recorder.layer(HALFTONE, node, casters=casters)
     if not params.outline:
@@ -228,7 +228,7 @@ def _halftone(recorder, outline, params, surface, light, excluded) -> Node:
 
 def _outline(recorder, outline, params, surface, visible, excluded, kind) -> None:
     chosen = visible - excluded - without_outline(outline)
-    drawn = {index: own_of(outline.instances[index]) for index in sorted(chosen)}
+    drawn = {index: settings_of(outline.instances[index]) for index in sorted(chosen)}
     crease = None if params.crease_angle >= NO_CREASE else float(np.cos(params.crease_angle))
     has_lines = params.object_lines or params.material_lines or crease is not None
     in_pixels = params.outline_unit == Unit.PIXEL
@@ -253,13 +253,13 @@ def _outline(recorder, outline, params, surface, visible, excluded, kind) -> Non
         in_pixels=in_pixels,
         least=min(params.outline_least_px, params.outline_most_px),
         most=params.outline_most_px,
-        scales=tuple(own.outline_scale for own in drawn.values()),
+        scales=tuple(settings.outline_scale for settings in drawn.values()),
         thickness=params.outline_thickness,
     )
     colours = np.tile(np.array(params.outline_color, np.float32), (len(outline.instances), 1))
-    for index, own in drawn.items():
-        if own.use_outline_color:
-            colours[index] = own.outline_color
+    for index, settings in drawn.items():
+        if settings.use_outline_color:
+            colours[index] = settings.outline_color
     lines = []
     if has_lines:
         wanted = ["instance"] + ["object_id"] * params.object_lines + ["material"] * params.material_lines

@@ -341,7 +341,7 @@ def _nodes(device, order: int):
         places, weights = np.polynomial.legendre.leggauss(order)
         return device.upload(np.stack([0.5 * (places + 1.0), 0.5 * weights], 1)[None].astype(np.float32))
 
-    return device.kept(f"volumetric_light/nodes {order}", make)
+    return device.constant(f"volumetric_light/nodes {order}", make)
 
 
 def scattered(device, surface, *parts, view: View, intensity, shares, stride: int, chunk: Chunk):

@@ -89,7 +89,7 @@ def lamp_in(mesh: close_casters.Mesh, radius_m: float) -> close_casters.Case:
 
 
 def steps_of(case: close_casters.Case, **values) -> tuple[Counter, Graph]:
-    graph = case.looked(case.device.geometry(), values)
+    graph = case.planned_closely(case.device.geometry(), values)
     return Counter(node.step.name for node in graph.nodes()), graph
 
 
