@@ -54,8 +54,8 @@ def with_neutral(
         )
         for layer in missing
     )
-    told = {entry.what for entry in left_out}
-    others = tuple(entry for entry in graph.left_out if entry.what not in told)
+    named = {entry.what for entry in left_out}
+    others = tuple(entry for entry in graph.left_out if entry.what not in named)
     return replace(graph, left_out=others + left_out), missing
 
 

@@ -18,7 +18,7 @@ from ..core.outline import Outline
 from ..core.sequence import SequenceLayer
 from ..core.version import VERSION
 from .table import columns, heading, wrapped
-from .verdict import Verdict, advice, between, percent, worded
+from .verdict import Verdict, advice, interval_words, percent, worded
 
 SIGNIFICANT_DIGITS = 6
 STEPS_SHOWN = 10
@@ -245,8 +245,8 @@ def _judged(layer: PlannedLayer, error: LayerError | NotMeasured | None, outline
     if params is not None and layer.of.is_lamp:
         params = outline.lights[layer.of.index].params_for(layer.effect, params)
     settings = score.lowered_by(params)
-    told = advice(settings, type(params) if params is not None else None)
-    return {"verdict": words, "lowered_by": settings, "advice": told}
+    advised = advice(settings, type(params) if params is not None else None)
+    return {"verdict": words, "lowered_by": settings, "advice": advised}
 
 
 def _non_finite(image: np.ndarray) -> int:
@@ -312,7 +312,7 @@ def _layer_rows(report: Report) -> list[list[str]]:
             row += ["neutral" if layer.neutral else "not measured", "", "", "", "", ""]
         else:
             error = layer.error
-            row += [percent(error.value), between(*error.ci95), layer.verdict]
+            row += [percent(error.value), interval_words(*error.ci95), layer.verdict]
             row += [percent(error.p99), percent(error.max), error.metric]
         if layer.non_finite:
             row[-1] = f"{row[-1]}; {layer.non_finite} values are not finite".lstrip("; ")

@@ -64,7 +64,7 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.1f}%" if share < 0.0995 else f"{100.0 * share:.0f}%"
 
 
-def between(low: float, high: float) -> str:
+def interval_words(low: float, high: float) -> str:
     """`1.1% to 1.3%`, for a person."""
     if high < LEAST_SHOWN:
         return percent(high)

@@ -16,7 +16,7 @@ from ..layers.compositor import can_take_away
 from ..layers.exr_params import ExrParams
 from ..layers.fitting import rendering, unfit_file, unfit_render
 from ..measure.report import LayerError, NotMeasured, error_of
-from ..measure.verdict import advice, between, percent
+from ..measure.verdict import advice, interval_words, percent
 from . import boxes, plot
 from .output import output_of, told_output, waits_for_saving
 from .rows import parameters
@@ -326,7 +326,7 @@ def _layer_result(layout: bpy.types.UILayout, context, layer: dict, numbers: dic
     elif error:
         column = layout.column()
         column.active = False
-        text(column, context, f"{layer['verdict']} (95% sure: {between(*error.ci95)})", "BLANK1")
+        text(column, context, f"{layer['verdict']} (95% sure: {interval_words(*error.ci95)})", "BLANK1")
 
 
 def _result_row(layout, error: str, seconds: str, is_active: bool = True) -> bpy.types.UILayout:

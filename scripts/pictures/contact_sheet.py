@@ -14,7 +14,7 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 from strata.addon.core.layers import Layer, LayerSet
 from strata.addon.effects.registry import EFFECTS
 from strata.addon.measure.report import NotMeasured, error_of
-from strata.addon.measure.verdict import advice, between, percent
+from strata.addon.measure.verdict import advice, interval_words, percent
 
 WIDTH, MARGIN, GAP = 1600, 48, 28
 BACKGROUND, PANEL, TEXT, QUIET, ACCENT = "#15171c", "#1d2027", "#eceef2", "#9aa3b2", "#f2b261"
@@ -127,7 +127,7 @@ def error_lines(error: dict, verdict: str = "", advised: str = "") -> tuple[str,
         return "error not measured", ""
     if isinstance(found, NotMeasured):
         return "error not measured", found.why
-    value = f"error {percent(found.value)}, {verdict}  (95%: {between(*found.ci95)})"
+    value = f"error {percent(found.value)}, {verdict}  (95%: {interval_words(*found.ci95)})"
     return value, advised or f"{found.probes} probes · {found.reference}"
 
 

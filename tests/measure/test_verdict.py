@@ -17,7 +17,7 @@ from strata.addon.measure.verdict import (
     INVISIBLE_UP_TO,
     Verdict,
     advice,
-    between,
+    interval_words,
     percent,
     verdict,
     worded,
@@ -65,8 +65,8 @@ def test_nothing_is_ever_said_to_have_no_error():
     assert [percent(each) for each in (0.0, 9e-4, 0.00104, 0.0168, 0.0994, 0.0996, 1.0)] == [
         "below 0.1%", "below 0.1%", "0.1%", "1.7%", "9.9%", "10%", "100%",
     ]  # fmt: skip
-    assert between(0.0, 5e-4) == "below 0.1%"
-    assert between(0.0, 0.02) == "0% to 2.0%"
+    assert interval_words(0.0, 5e-4) == "below 0.1%"
+    assert interval_words(0.0, 0.02) == "0% to 2.0%"
     error = LayerError(SHADOW.metric, 0.0, (0.0, 2e-5), 0.0, 0.0, 0.0, 64, "rays", 0.0, 0.1)
     layer = LayerReport("Shadow", "soft_shadow", "Key", 1.0, 1.0, 0, error, verdict=worded(0.0, 2e-5))
     told = format_table(Report("1", "5", "s", 1, (8, 8), 0, "cpu", "", 1.0, 0.0, 0, (), (layer,), (), ()))
