@@ -86,11 +86,14 @@ def viewport_camera(view_matrix, window_matrix) -> Camera:
 
 
 def camera_warnings(evaluated: bpy.types.Object, render: bpy.types.RenderSettings) -> list[str]:
+    """What of a picture layers do not have, so that they do not fit it."""
     warnings = []
     if evaluated.data.dof.use_dof:
-        warnings.append(f"camera '{evaluated.name}': depth of field is not read, layers are sharp")
+        warnings.append(
+            f"camera '{evaluated.name}' has depth of field: layers are sharp and do not fit what it blurs"
+        )
     if render.use_motion_blur:
-        warnings.append("motion blur is not read, layers show one instant")
+        warnings.append("motion blur is on: layers show one instant and do not fit what moves")
     if render.use_multiview:
         warnings.append("stereoscopy is not read, layers show one eye in the middle")
     return warnings

@@ -183,8 +183,8 @@ def test_what_is_not_read_is_told_on_the_console(scene, capfd):
     scene.camera.data.dof.use_dof = True
     bpy.ops.render.render()
     lines = [line for line in capfd.readouterr().out.splitlines() if line.startswith("Warning: ")]
-    assert sum("motion blur is not read" in line for line in lines) == 1
-    assert sum("depth of field is not read" in line for line in lines) == 1
+    assert sum("layers show one instant and do not fit what moves" in line for line in lines) == 1
+    assert sum("layers are sharp and do not fit what it blurs" in line for line in lines) == 1
 
 
 def test_stereo_gives_both_eyes_the_middle_one_and_says_so(scene, tmp_path, capfd):

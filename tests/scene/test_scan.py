@@ -120,6 +120,17 @@ def test_what_is_not_read_is_named(scene):
     ]
 
 
+def test_what_blurs_the_picture_and_no_layer_is_named(scene):
+    scene.render.use_motion_blur = False
+    assert read(scene)[0].warnings == ()
+    scene.camera.data.dof.use_dof = True
+    scene.render.use_motion_blur = True
+    assert read(scene)[0].warnings == (
+        f"camera '{scene.camera.name}' has depth of field: layers are sharp and do not fit what it blurs",
+        "motion blur is on: layers show one instant and do not fit what moves",
+    )
+
+
 def test_instances_share_one_mesh(scene):
     # Linked duplicates.
     first = cube("First")

@@ -156,8 +156,13 @@ def test_a_file_of_a_render_region_does_not_do_for_more(scene, tmp_path):
 
 
 def test_what_layers_do_not_know_is_warned_of(scene, capfd):
+    blurs = ("Motion blur is on: ", "Camera 'Camera' has depth of field: ")
+    assert not any(line.startswith(blurs) for line in built(capfd))
     scene.render.use_motion_blur = True
-    assert "Motion blur is not read, layers show one instant" in built(capfd)
+    scene.camera.data.dof.use_dof = True
+    told = built(capfd)
+    assert "Motion blur is on: layers show one instant and do not fit what moves" in told
+    assert "Camera 'Camera' has depth of field: layers are sharp and do not fit what it blurs" in told
 
 
 @pytest.mark.parametrize(
