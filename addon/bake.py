@@ -26,6 +26,7 @@ from .core.slices import timed
 from .core.surface import Chunk
 from .devices.start import Devices, start_devices
 from .effects.shared.coarse_picture import take_coarse_picture
+from .effects.shared.steps import ray_accelerator
 from .measure.budget import MeasuringOutlook
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured
@@ -146,7 +147,7 @@ class BakeJob:
     def _forecast(self, graph: Graph, groups: Sequence[Graph], execution: Execution) -> Forecast:
         sampling = sampling_of(graph, self.options)
         pixels = sampling.width * sampling.height * self.options.samples / sampling.chunk_count
-        return Forecast(groups, sampling.chunk_count, pixels, execution)
+        return Forecast(groups, sampling.chunk_count, pixels, execution, self.outline)
 
     def _bake(self, executor: Executor, number: int, execution: Execution, began: float) -> Iterator[None]:
         """One shot; what those to come read of the same stays with the executor."""
@@ -159,7 +160,8 @@ class BakeJob:
         self._measuring = None
         if options.probes != 0 and graph.shot.has_eye:  # probes lie along view rays
             measurement = Measurement(graph, outline, options.probes, options.seed, cancelled)
-            outlook = MeasuringOutlook(graph, outline, options.probes)
+            tree = ray_accelerator(outline, graph.shot)
+            outlook = MeasuringOutlook(graph, outline, tree, options.probes)
             self._measuring = Measuring(measurement, outlook, executor, outline, graph, before)
         self._forecasts[: len(self._forecasts) - len(later)] = [self._forecast(graph, groups, execution)]
         errors: dict[str, LayerError | NotMeasured] = {}
@@ -207,7 +209,7 @@ class BakeJob:
         self._shown, passed = now, now - self._started
         left = sum(forecast.seconds_left() for forecast in self._forecasts)
         if self._measuring:
-            left += self._measuring.outlook.seconds_left(passed + left)
+            left += self._measuring.seconds_left(passed + left, self._forecasts[0].slower())
         self.progress = max(self.progress, passed / (passed + left))
         if self._seconds_left is not None or passed > FIRST_TOLD_SHARE * (passed + left):
             self._seconds_left = left

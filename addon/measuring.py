@@ -64,6 +64,12 @@ class Measuring:
             self.measurement.forget(layer)
         return errors
 
+    def seconds_left(self, bake_seconds: float, slower: float) -> float:
+        """Where the bake takes so many seconds, with what has been measured so far, on a machine that is so
+        many times as slow as an ordinary one."""
+        collected = self.measurement.collecting_seconds
+        return self.outlook.seconds_left(bake_seconds - collected - self.seconds, slower, collected)
+
     def _allowed_seconds(self) -> float:
         """What measuring may still take of what has been baked so far."""
         baked = sum(timing.seconds for timing in self._executor.execution.timings.values())

@@ -62,9 +62,9 @@ class Step:
     a reader that wants fewer pixels around the chunk.
     `bytes_of(node, outline)`: about how many bytes a node's value takes while it is kept, None where it is
     next to nothing or one tile's. `sum`: how it comes apart, None where it does not.
-    `work_of(node)`: how many times as long as the least node of the step a run takes, None where all take
-    about as long. `ordinary_seconds`: what the least run takes on an ordinary machine, at the surface a pixel
-    of it, where that is not what most steps take (core/progress.py); only their ratios count.
+    `work_of(node, outline)`: how many times as long as the least node of the step a run takes, None where all
+    take about as long. `ordinary_seconds`: what the least run takes on an ordinary machine, at the surface a
+    pixel of it, where that is not what most steps take (core/progress.py); only their ratios count.
     """
 
     name: str
@@ -77,7 +77,7 @@ class Step:
     croppable: bool = True
     bytes_of: Callable[[Node, Outline], int] | None = None
     sum: Sum | None = None
-    work_of: Callable[[Node], float] | None = None
+    work_of: Callable[[Node, Outline], float] | None = None
     ordinary_seconds: float | None = None
 
     def twin(self, device_name: str) -> Callable | None:

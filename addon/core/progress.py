@@ -12,6 +12,7 @@ from collections.abc import Iterable
 
 from .execution import Execution
 from .graph import Graph, Node, Rate
+from .outline import Outline
 
 MOST_SECONDS = 0.01, 50e-9  # of steps that do not say (Step.ordinary_seconds)
 
@@ -26,9 +27,12 @@ sequence's second frame knows what the first one took."""
 class Forecast:
     """Of graphs that one after the other go into `execution`, each in `chunks` chunks of `pixels` pixels."""
 
-    def __init__(self, graphs: Iterable[Graph], chunks: int, pixels: float, execution: Execution):
-        self._pixels, self._execution = pixels, execution
+    def __init__(
+        self, graphs: Iterable[Graph], chunks: int, pixels: float, execution: Execution, outline: Outline
+    ):
+        self._pixels, self._execution, self._outline = pixels, execution, outline
         self._runs: dict[Node, int] = {}  # of each node, at the end
+        self._units: dict[Node, float] = {}
         for graph in graphs:
             for node in graph.nodes():
                 more = chunks if node.rate == Rate.SAMPLE else int(node not in self._runs)
@@ -37,29 +41,38 @@ class Forecast:
     def seconds_left(self) -> float:
         """What the nodes that are still to run will take."""
         taken = self._taken()
-        rates, usual, real = dict(_learnt), 0.0, 0.0
+        slower, learnt = self._slower(taken), dict(_learnt)
         sums: dict[tuple[str, bool], list[float]] = {}
         for node, (seconds, runs) in taken.items():
             kind = _kind(node)
             total = sums.setdefault(kind, [0.0, 0.0])
             total[0] += seconds
             total[1] += runs * self._unit(node)
-            if kind not in _learnt:
-                usual += runs * self._unit(node) * _ordinary(node)
-                real += seconds
-        rates |= {kind: seconds / units for kind, (seconds, units) in sums.items() if units}
-        slower = (real + KNOWN_SECONDS) / (usual + KNOWN_SECONDS)
         left = 0.0
         for node, runs in self._runs.items():
             seconds, done = taken.get(node, (0.0, 0))
             if done:
                 each = seconds / done
-            elif _kind(node) in rates:
-                each = rates[_kind(node)] * self._unit(node)
             else:
-                each = _ordinary(node) * self._unit(node) * slower
+                # Lamps differ: where a step does not say by how much, the next may be a more usual one.
+                usual = learnt.get(_kind(node), slower * _ordinary(node))
+                known, units = sums.get(_kind(node), (0.0, 0.0))
+                more = 0.0 if units and node.step.work_of else runs * self._unit(node)
+                each = self._unit(node) * (known + usual * more) / (units + more)
             left += max(runs - done, 0) * each
         return left
+
+    def slower(self) -> float:
+        """How many times as long as on an ordinary machine what ran has taken."""
+        return self._slower(self._taken())
+
+    def _slower(self, taken: dict[Node, tuple[float, int]]) -> float:
+        usual, real = KNOWN_SECONDS, KNOWN_SECONDS
+        for node, (seconds, runs) in taken.items():
+            if _kind(node) not in _learnt:
+                usual += runs * self._unit(node) * _ordinary(node)
+                real += seconds
+        return real / usual
 
     def learn(self) -> None:
         """At the end: what the steps took is known to the next bake."""
@@ -81,8 +94,10 @@ class Forecast:
 
     def _unit(self, node: Node) -> float:
         """How much a run has to do, in what seconds are kept for."""
-        work = node.step.work_of(node) if node.step.work_of else 1.0
-        return work * (self._pixels if node.rate == Rate.SAMPLE else 1.0)
+        if node not in self._units:
+            work = node.step.work_of(node, self._outline) if node.step.work_of else 1.0
+            self._units[node] = work * (self._pixels if node.rate == Rate.SAMPLE else 1.0)
+        return self._units[node]
 
 
 def _kind(node: Node) -> tuple[str, bool]:

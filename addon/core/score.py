@@ -17,10 +17,12 @@ class Score(Protocol):
     """Which pixels of a layer are looked at, and what is made of them. addon/measure has those of a lamp's
     visibility (VisibilityScore), of light (LightScore) and of masks (MaskScore).
 
-    `metric`: what its figure is called in reports.
+    `metric`: what its figure is called in reports; `probe_seconds`: what a probe takes on an ordinary
+    machine, for the time left.
     """
 
     metric: str
+    probe_seconds: float
 
     def watch(self, layer: PlannedLayer, outline: Outline, shot: Shot, attributes: tuple[str, ...]) -> Any:
         """What draws the layer's pixels (Watched in measure/probes.py); `attributes` are those that the

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator
 
-from ..core.graph import Graph
+from ..core.graph import Graph, Node, PlannedLayer
 from ..core.outline import Outline
 from ..core.slices import timed
 
@@ -26,21 +26,20 @@ def allowed_seconds(baked_seconds: float) -> float:
     return SHARE / (1.0 - SHARE) * max(baked_seconds, (1.0 - SHARE) * SHORT_SECONDS)
 
 
-PROBE_SECONDS = 3e-4
-TRIANGLE_SECONDS = 5e-7
-"""What a probe of a layer and a triangle of the tree take on an ordinary machine."""
-
-USED_SHARE = 0.8
+USED_SHARE = 0.75
 """Of the seconds that are allowed, what layers take that need them all: probes are powers of two."""
 
 
 class MeasuringOutlook:
-    """How long measuring will take. `has_tree`: what rays need has been built."""
+    """How long measuring will take. `tree`: what rays need, which an effect may need too; `has_tree`: it
+    has been built."""
 
-    def __init__(self, graph: Graph, outline: Outline, probes: int | None):
-        self._layers = sum(layer.kind.score is not None for layer in graph.layers)
+    def __init__(self, graph: Graph, outline: Outline, tree: Node, probes: int | None):
+        self._layers = [layer for layer in graph.layers if layer.kind.score is not None]
         self._probes = probes
-        self._tree = TRIANGLE_SECONDS * sum(mesh.triangles for mesh in outline.meshes)
+        self._tree = (
+            0.0 if tree in graph.nodes() else tree.step.ordinary_seconds * tree.step.work_of(tree, outline)
+        )
         self._done, self._taken, self._current = 0, 0.0, 0.0
         self._expected: float | None = None  # of the layer at hand
         self.has_tree = False
@@ -68,22 +67,43 @@ class MeasuringOutlook:
             self._current += time.perf_counter() - started
             yield
 
-    def seconds_left(self, baking_seconds: float) -> float:
-        """Where the bake without measuring takes so many seconds."""
-        tree = 0.0 if self.has_tree else self._tree
-        left = self._layers - self._done
-        if self._probes is None:  # layers differ tenfold, and share what time there is
-            allowed = max(allowed_seconds(baking_seconds) - tree - self._taken, 0.0)
-            each = min(PROBE_SECONDS * DEFAULT_PROBES, USED_SHARE * allowed / max(left, 1))
-        else:
-            each = self._taken / self._done if self._done else PROBE_SECONDS * self._probes
-        if left <= 0:
-            return tree
-        if self._expected is not None:
-            here = max(self._expected - self._current, 0.1 * self._current)
-        else:  # one that takes longer than expected is taken to be two thirds through
-            here = max(each - self._current, 0.5 * self._current)
-        return tree + (left - 1) * each + here
+    def seconds_left(
+        self, baking_seconds: float, slower: float = 1.0, collecting_seconds: float = 0.0
+    ) -> float:
+        """Where the bake without measuring takes so many seconds on a machine that is so many times as slow
+        as an ordinary one, and drawing the probes took so many."""
+        tree = 0.0 if self.has_tree else slower * self._tree
+        allowed = allowed_seconds(baking_seconds) - collecting_seconds - tree - self._taken
+        left, layers = tree, self._layers[self._done :]
+        for number, layer in enumerate(layers):
+            expected = self._usual_seconds(layer, allowed / (len(layers) - number), slower)
+            allowed -= expected
+            if number == 0 and self._expected is not None:
+                expected = max(self._expected - self._current, 0.1 * self._current)
+            elif number == 0:  # one that takes longer than expected is taken to be two thirds through
+                expected = max(expected - self._current, 0.5 * self._current)
+            left += expected
+        return left
+
+    def _usual_seconds(self, layer: PlannedLayer, allowed: float, slower: float) -> float:
+        """Of a layer that has not been measured yet."""
+        each = slower * layer.kind.score.probe_seconds
+        if self._probes is not None:  # as much slower or faster as those so far
+            done = slower * sum(layer.kind.score.probe_seconds for layer in self._layers[: self._done])
+            return each * (self._taken / done if done else self._probes)
+        return max(min(each * DEFAULT_PROBES, USED_SHARE * allowed), each * sum(PILOTS[:2]))
+
+
+def _still_to_run(number: int, affordable: float, most: int) -> tuple[int, int]:
+    """Probes of all runs after a pilot, where there is time for so many, and of the last of them."""
+    more, last = 0, PILOTS[number]
+    for pilot in PILOTS[number + 1 :]:
+        if affordable - more < pilot:
+            return more, last
+        more, last = more + pilot, pilot
+    while 2 * last <= min(affordable - more, most):
+        last *= 2
+    return (more + last if last > PILOTS[-1] else more), last
 
 
 def within[Result](
@@ -109,15 +129,14 @@ def within[Result](
             before = took
             continue
         affordable = probes * (seconds - spent) / max(took, 1e-6)
-        if number + 1 == len(PILOTS):
-            while 2 * probes <= min(affordable, most):
-                probes *= 2
-            if probes > found[1]:
-                # What all numbers of probes need besides shows between the pilots.
-                each = max(took - before, 0.0) / (found[1] - PILOTS[number - 1])
-                expect(min(took + each * (probes - found[1]), took * probes / found[1]))
-                found = (yield from work(probes)), probes
-        elif affordable < PILOTS[number + 1]:
+        more, last = _still_to_run(number, affordable, most)
+        if not more:
             break
+        # What all numbers of probes need besides shows between the pilots, as soon as neither made a tree.
+        each = max(took - before, 0.0) / (probes - PILOTS[number - 1])
+        low, high = sorted((took + each * (more - probes), took * more / probes))
+        expect(low if number > 1 else (low * high) ** 0.5)
         before = took
+        if number + 1 == len(PILOTS):
+            found = (yield from work(last)), last
     return found

@@ -88,11 +88,13 @@ class _ImageScore:
     should take some hundredths of a second: in a window they run between redraws.
 
     `looks`: pixels looked at for each probe that was asked for; more than 1 where the reference is cheap.
+    `probe_seconds`: see core/score.py.
     """
 
     reference: Callable
     reference_name: str = ""
     looks: int = 1
+    probe_seconds: float = 1e-3
 
     def watch(
         self, layer: PlannedLayer, outline: Outline, shot: Shot, attributes: tuple[str, ...]
@@ -144,6 +146,7 @@ class MaskScore(_ImageScore):
     finished image."""
 
     metric: ClassVar[str] = "share of wrong pixels"
+    probe_seconds: float = 4e-3
 
     def measure(self, probed: Probed, probes: int, seed: int) -> Measuring:
         def scattered(pixels: int, samples: int, seed: int) -> np.ndarray:

@@ -60,6 +60,7 @@ class VisibilityScore:
     screen: Callable
     weigh: Callable
     metric: ClassVar[str] = "weighted rmse"
+    probe_seconds: ClassVar[float] = 2e-4
 
     def watch(
         self, layer: PlannedLayer, outline: Outline, shot: Shot, attributes: tuple[str, ...]

@@ -33,7 +33,7 @@ def bake(monkeypatch):
 
 def worst_factor(graph, order, start: float) -> float:
     execution, passed, worst = Execution(), 0.0, 1.0
-    forecast = Forecast([graph], CHUNKS, PIXELS, execution)
+    forecast = Forecast([graph], CHUNKS, PIXELS, execution, None)
     for node, seconds in order[:-1]:
         execution.add_time(node, "cpu", seconds)
         passed += seconds
@@ -60,18 +60,35 @@ def test_nothing_is_left_of_a_graph_that_is_done(bake):
     execution = Execution()
     for node, seconds in order:
         execution.add_time(node, "cpu", seconds)
-    assert Forecast([graph], CHUNKS, PIXELS, execution).seconds_left() == 0.0
+    assert Forecast([graph], CHUNKS, PIXELS, execution, None).seconds_left() == 0.0
     # A second group of lamps runs the surface again.
-    assert Forecast([graph, graph], CHUNKS, PIXELS, execution).seconds_left() == pytest.approx(
+    assert Forecast([graph, graph], CHUNKS, PIXELS, execution, None).seconds_left() == pytest.approx(
         CHUNKS * (SURFACE_SECONDS + 3 * SHADE_SECONDS)
     )
 
 
+TREE = Node(
+    Step(
+        "tree",
+        work_of=lambda node, outline: sum(mesh.triangles for mesh in outline.meshes),
+        ordinary_seconds=5e-7,
+    ),
+    "",
+    (),
+    {},
+)
+
+
+def measured_layers(count: int, triangles: int = 0, probes: int | None = None, others=()) -> MeasuringOutlook:
+    """Of layers whose probes take 0.3 ms each, in a graph with the nodes `others` besides."""
+    layer = SimpleNamespace(kind=SimpleNamespace(score=SimpleNamespace(probe_seconds=3e-4)))
+    graph = SimpleNamespace(layers=[layer] * count, nodes=lambda: others)
+    outline = SimpleNamespace(meshes=[SimpleNamespace(triangles=triangles)])
+    return MeasuringOutlook(graph, outline, TREE, probes)
+
+
 def test_measuring_is_expected_to_go_on_as_it_began():
-    layer = SimpleNamespace(kind=SimpleNamespace(score=print))
-    graph = SimpleNamespace(layers=[layer] * 4)
-    outline = SimpleNamespace(meshes=[SimpleNamespace(triangles=2_000_000)])
-    outlook = MeasuringOutlook(graph, outline, 1000)
+    outlook = measured_layers(4, 2_000_000, 1000)
     assert outlook.seconds_left(10.0) == pytest.approx(1.0 + 4 * 0.3)
     outlook.has_tree = True
     assert outlook.seconds_left(10.0) == pytest.approx(4 * 0.3)
@@ -82,15 +99,23 @@ def test_measuring_is_expected_to_go_on_as_it_began():
 
     assert finished(outlook.watched(measured())) == ("error", 3.0)
     assert outlook.seconds_left(10.0) == pytest.approx(9.0)
-    few = MeasuringOutlook(graph, outline, None)
-    few.has_tree = True
-    assert few.seconds_left(0.1) == pytest.approx(0.8 * 0.15 * 2.0)
+
+
+def test_what_layers_are_allowed_bounds_what_measuring_is_expected_to_take():
+    few = measured_layers(1)
+    assert few.seconds_left(0.1) == pytest.approx(0.75 * 0.15 * 2.0)
+    # Drawing the probes has taken its part already; two pilots are run whatever there is time for.
+    assert few.seconds_left(0.1, collecting_seconds=0.2) == pytest.approx(0.75 * 0.1)
+    assert few.seconds_left(0.1, collecting_seconds=0.3) == pytest.approx(40 * 3e-4)
+    assert few.seconds_left(0.1, slower=3.0, collecting_seconds=0.3) == pytest.approx(3 * 40 * 3e-4)
+
+
+def test_a_tree_that_an_effect_has_built_is_not_expected_again():
+    assert measured_layers(1, 2_000_000, 1000, others=(TREE,)).seconds_left(10.0) == pytest.approx(0.3)
 
 
 def test_what_the_pilots_say_of_a_layer_is_believed():
-    layer = SimpleNamespace(kind=SimpleNamespace(score=print))
-    graph = SimpleNamespace(layers=[layer] * 2)
-    outlook = MeasuringOutlook(graph, SimpleNamespace(meshes=[]), None)
+    outlook = measured_layers(2)
     told = []
 
     def measured():
@@ -106,11 +131,11 @@ def test_what_the_pilots_say_of_a_layer_is_believed():
 
 def test_what_has_more_to_do_takes_as_many_times_as_long(monkeypatch):
     monkeypatch.setattr(progress, "_learnt", {})
-    fog = Step("fog", rate=Rate.SAMPLE, work_of=lambda node: node.params["points"])
+    fog = Step("fog", rate=Rate.SAMPLE, work_of=lambda node, outline: node.params["points"])
     small, large = (Node(fog, str(points), (), {"points": points}) for points in (1, 28))
     layers = tuple(PlannedLayer(f"Layer {node.instance}", "", node, LIT) for node in (small, large))
     graph = Graph(layers, (), {}, frozenset())
     execution = Execution()
-    forecast = Forecast([graph], 1, PIXELS, execution)
+    forecast = Forecast([graph], 1, PIXELS, execution, None)
     execution.add_time(small, "cpu", 2.0)
     assert forecast.seconds_left() == pytest.approx(28 * 2.0)

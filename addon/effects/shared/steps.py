@@ -63,14 +63,42 @@ TRIANGLE_BYTES = 100
 LEAF_BYTES = 130
 """Of each instance's triangle in the hierarchy of rays. Measured."""
 
+LEAST_TRIANGLES = 1000
+"""Fewer take as long."""
+
+
+def _triangles(node: Node, outline: Outline) -> int:
+    """Of all instances that it is made of."""
+    casters, instances = node.params["casters"], outline.instances
+    return instances.memo(
+        ("triangles", casters),
+        lambda: sum(outline.meshes[instances[index].mesh].triangles for index in casters),
+    )
+
 
 def _geometry_bytes(node: Node, outline: Outline) -> int:
     return TRIANGLE_BYTES * sum(mesh.triangles for mesh in outline.meshes)
 
 
+def _geometry_work(node: Node, outline: Outline) -> float:
+    return sum(max(mesh.triangles, LEAST_TRIANGLES) for mesh in outline.meshes)
+
+
 def _accelerator_bytes(node: Node, outline: Outline) -> int:
-    instances = (outline.instances[index] for index in node.params["casters"])
-    return LEAF_BYTES * sum(outline.meshes[each.mesh].triangles for each in instances)
+    return LEAF_BYTES * _triangles(node, outline)
+
+
+def _accelerator_work(node: Node, outline: Outline) -> float:
+    return max(_triangles(node, outline), LEAST_TRIANGLES)
+
+
+TEXELS_A_TRIANGLE = 5
+"""Filling a texel takes a share of what drawing a triangle that covers none does."""
+
+
+def _depth_work(node: Node, outline: Outline) -> float:
+    texels = node.params["width"] * node.params["height"]
+    return texels / TEXELS_A_TRIANGLE + _triangles(node, outline)
 
 
 def depth_bytes(node: Node, outline: Outline) -> int:
@@ -79,7 +107,15 @@ def depth_bytes(node: Node, outline: Outline) -> int:
 
 
 # The scene's meshes and instances, on the device.
-GEOMETRY = Step("geometry", cpu=_geometry, gpu=gpu_steps.geometry, copyable=False, bytes_of=_geometry_bytes)
+GEOMETRY = Step(
+    "geometry",
+    cpu=_geometry,
+    gpu=gpu_steps.geometry,
+    copyable=False,
+    bytes_of=_geometry_bytes,
+    work_of=_geometry_work,
+    ordinary_seconds=100e-9,
+)
 # Shading points of one tile and sample: a dict of attribute arrays (core/surface.py).
 SURFACE = Step("surface", cpu=_surface, gpu=gpu_steps.surface, rate=Rate.SAMPLE, ordinary_seconds=200e-9)
 # An object's triangles where its UV map puts them, and the shading points of a chart of them (core/shot.py).
@@ -92,7 +128,8 @@ LAYERED_DEPTH = Step(
     cpu=_layered_depth,
     gpu=gpu_steps.layered_depth,
     bytes_of=depth_bytes,
-    ordinary_seconds=0.015,
+    work_of=_depth_work,
+    ordinary_seconds=70e-9,
 )
 # A bounding volume hierarchy over the casters.
 RAY_ACCELERATOR = Step(
@@ -101,6 +138,8 @@ RAY_ACCELERATOR = Step(
     hole="rays live on the CPU only",
     copyable=False,
     bytes_of=_accelerator_bytes,
+    work_of=_accelerator_work,
+    ordinary_seconds=500e-9,
 )
 
 

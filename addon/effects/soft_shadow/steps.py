@@ -133,11 +133,11 @@ PREPARE = Step(
     gpu=gpu_steps.prepare,
     copyable=False,
     bytes_of=_prepared_bytes,
-    ordinary_seconds=0.1,
+    ordinary_seconds=0.06,
 )
 # Texels projected back onto the light from every shading point (thesis eq. 5.3).
 BACKPROJECT = Step(
-    "soft_shadow/backproject", cpu=_backproject, gpu=gpu_steps.backproject, ordinary_seconds=1200e-9
+    "soft_shadow/backproject", cpu=_backproject, gpu=gpu_steps.backproject, ordinary_seconds=550e-9
 )
 # The same step where a grid of points is evaluated first: its cells reach into the next tile.
 BETWEEN = Step(
@@ -146,12 +146,18 @@ BETWEEN = Step(
     gpu=_between(gpu_steps.backproject),
     rate=Rate.SAMPLE,
     reach=lambda node: node.params["spacing"] - 1,
-    ordinary_seconds=600e-9,
+    ordinary_seconds=280e-9,
 )
 # Where in a map's window to doubt it for what stands beside the window, close to the light.
 BESIDE = Step("soft_shadow/beside", cpu=_beside, hole="a table of a thousand entries")
 # Rays for the points that the map is unsure of.
-RAYS = Step("soft_shadow/rays", cpu=_rays, hole="rays live on the CPU only", rate=Rate.SAMPLE)
-VISIBILITY = Step("soft_shadow/visibility", cpu=_visibility, gpu=gpu_steps.visibility, ordinary_seconds=1e-9)
+RAYS = Step(
+    "soft_shadow/rays",
+    cpu=_rays,
+    hole="rays live on the CPU only",
+    rate=Rate.SAMPLE,
+    ordinary_seconds=80e-9,
+)
+VISIBILITY = Step("soft_shadow/visibility", cpu=_visibility, gpu=gpu_steps.visibility, ordinary_seconds=4e-9)
 # Instances that the light does not light stay as they are (light linking).
 RECEIVERS = Step("soft_shadow/receivers", cpu=_receivers, gpu=gpu_steps.receivers)

@@ -23,7 +23,7 @@ EFFECT = Effect(
         LayerKind(
             title="Transmittance",
             channels="RGB",
-            score=LightScore(transmitted, "exact"),
+            score=LightScore(transmitted, "exact", probe_seconds=3e-5),
             of=Subject.EYE,
             role=Role.TRANSMITTANCE,
             doc="Share of a surface's light that the medium lets through to the eye",

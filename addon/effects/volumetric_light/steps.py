@@ -129,7 +129,7 @@ LEAST_SHARE = 0.05
 """Of the work on rays that come into a spot's cone, what those beside it are."""
 
 
-def _work(node: Node) -> float:
+def _work(node: Node, outline: Outline) -> float:
     """Each point of a source has its walk along a ray, and half as much again for each more of its maps; rays
     beside a spot's cone have next to nothing to do."""
     counts, source = node.params["counts"], node.params["source"]
