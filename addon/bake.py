@@ -175,6 +175,7 @@ class BakeJob:
             if self._measuring:
                 self.stage = "Measuring"
                 errors |= yield from self._showing(self._measuring.errors(group))
+            execution.weights.clear()
             executor.keep_only(*groups[count:], *later)
             if len(groups) > 1:
                 give_back()

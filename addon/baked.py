@@ -99,7 +99,6 @@ def put_together(
         compile_seconds=devices.primary.compile_seconds,
         steps=steps,
         images=execution.images,
-        antialiasing=execution.antialiasing,
         memory=memory,
         costs=costs,
         errors=errors,

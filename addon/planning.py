@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from .core.effect import Effect, Offer, Registry
@@ -17,8 +18,9 @@ from .core.roles import Role
 from .core.sampling import Sampling
 from .core.shot import Shot
 from .effects.registry import EFFECTS
-from .effects.shared import composite, lit
+from .effects.shared import composite, lit, weights
 from .effects.shared.steps import surface
+from .effects.shared.weights import Weight
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ class Options:
     makes each light's unshadowed image, and `composite` the picture of the whole; `memory_bytes` are what it
     may take beside what Blender has, 0: half of what is free, or less where more is of no use; `providers`:
     the effect to take a role from, where several offer it and a lamp asks for none; `keeps_unused` also makes
-    their layers that the picture does not take; `registry`: the effects that there are."""
+    their layers that the picture does not take; `weight`: what samples of layers that multiply
+    weigh (Weight); `registry`: the effects that there are."""
 
     effects: tuple[str, ...] | None = None
     backend: str = "auto"
@@ -44,11 +47,14 @@ class Options:
     memory_bytes: int = 0
     providers: dict[Role, str] = field(default_factory=dict)
     keeps_unused: bool = False
+    weight: str = Weight.RADIANCE.value
     registry: Registry = EFFECTS
 
     def __post_init__(self):
         if self.memory_bytes < 0:
             raise StrataError(f"memory: {self.memory_bytes} bytes are less than 0")
+        if self.weight not in (names := [each.value for each in Weight]):
+            raise StrataError(f"weight: '{self.weight}' is none of {', '.join(names)}")
         if self.samples < 1:
             raise StrataError(f"samples: {self.samples} is less than 1")
         if self.probes is not None and self.probes < 0:
@@ -89,7 +95,8 @@ class Options:
 
 def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
     """What would run, what is left out, and why."""
-    recordings = [composite.record if options.composite else composite.leave_out]
+    recordings = [partial(weights.record, how=Weight(options.weight))]
+    recordings += [composite.record if options.composite else composite.leave_out]
     recordings += [lit.record] * options.lit + [_record_probed]
     lamps = None
     if options.lights is not None:

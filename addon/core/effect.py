@@ -15,12 +15,10 @@ from .shader import Shader
 
 
 class Reduce(Enum):
-    """How a pixel's samples become its value (core/film.py). MEAN; WEIGHTED: the sum of weight times value
-    over that of weights, and the plain mean where all weights are 0; FIRST: of what has no mean, such as
-    ids."""
+    """How a pixel's samples become its value (core/film.py). MEAN: weighted where samples weigh
+    (`PlannedLayer.weight`); FIRST: of what has no mean, such as ids."""
 
     MEAN = "mean"
-    WEIGHTED = "weighted"
     FIRST = "first"
 
 
@@ -42,7 +40,9 @@ class LayerKind:
 
     `reduce` is how a pixel's samples become its value. `score` tells how wrong they are (core/score.py);
     None: nobody measures them. `needs`: what a shot must have for them, beside what the effect needs; the
-    effect asks for it (`Recorder.shot_has`).
+    effect asks for it (`Recorder.shot_has`). `is_weighed`: its samples weigh what they multiply, where it
+    multiplies (effects/shared/weights.py); not so of what is drawn on the picture, such as dots of ink, whose
+    plain mean is what they cover.
     """
 
     title: str
@@ -53,6 +53,7 @@ class LayerKind:
     reduce: Reduce = Reduce.MEAN
     doc: str = ""
     needs: frozenset[Need] = frozenset()
+    is_weighed: bool = True
 
     def __post_init__(self):
         if self.role.needs_lamp and self.of is not Subject.LAMP:

@@ -9,7 +9,6 @@ import numpy as np
 
 from .film import Film, Take
 from .graph import Node, Rate
-from .metrics import antialiasing_error
 from .surface import Chunk
 
 
@@ -26,32 +25,31 @@ class Timing:
 @dataclass
 class Execution:
     """What came out. `images`: finished ones, (height, width[, channels]) float32 by layer name, row 0 at the
-    bottom; `films`: those under way, by the name of what they take (core/film.py). `antialiasing`: by an
-    effect's layer, `antialiasing_error` (core/metrics.py) of its pixels. `samples` counts those that the
-    whole image has (with a progressive sampling). Several runs may add to one."""
+    bottom; `films`: those under way, by the name of what they take (core/film.py). `weights`: of finished
+    layers that are weighed, the mean weight of each pixel's samples, (height, width[, channels]). `samples`
+    counts those that the whole image has (with a progressive sampling). Several runs may add to one."""
 
     images: dict[str, np.ndarray] = field(default_factory=dict)
     films: dict[str, Film] = field(default_factory=dict)
+    weights: dict[str, np.ndarray] = field(default_factory=dict)
     timings: dict[tuple[str, str], Timing] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
-    antialiasing: dict[str, float | None] = field(default_factory=dict)
     samples: int = 0
 
     def add(self, take: Take, chunk: Chunk, tile: np.ndarray, weight: np.ndarray | None) -> None:
         """One sample of a tile."""
         if take.name not in self.films:
             shape = (chunk.height, *tile.shape[1:])
-            has_spread = take.has_spread and chunk.samples > 1
-            self.films[take.name] = Film(take.name, shape, take.reduce, has_spread)
+            weights = None if weight is None else (chunk.height, *weight.shape[1:])
+            self.films[take.name] = Film(take.name, shape, take.reduce, weights, take.has_squares)
         self.films[take.name].add(chunk, tile, weight)
 
-    def finish(self, take: Take, samples: int) -> None:
-        """All samples are there. A film's spread is as large as the image; of it one number stays."""
+    def finish(self, take: Take) -> None:
+        """All samples are there."""
         film = self.films.pop(take.name)
-        if take.has_spread:
-            spread = film.spread()
-            self.antialiasing[take.name] = None if spread is None else antialiasing_error(spread, samples)
         self.images[take.name] = film.finished()
+        if film.weights is not None:
+            self.weights[take.name] = film.weights
 
     def image(self, name: str) -> np.ndarray:
         """A finished image, or what its samples so far make."""

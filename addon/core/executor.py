@@ -149,7 +149,7 @@ class Executor:
                     sampled(chunk)
             for take in takes:
                 if take.is_whole:
-                    context.execution.finish(take, sampling.samples)
+                    context.execution.finish(take)
             for _ in self.develop(graph, takes, context.execution):
                 done += 1
                 yield done / total

@@ -162,9 +162,9 @@ class PlannedLayer:
     """An image that the graph makes. `name` is unique and safe for a file; `effect` is the effect's id, empty
     for a picture that is no baked layer; `params` are the effect's. `of`: the lamp that it is of, or what
     else, and `light` that lamp's own name; `casters` are the instances that can block its light into view.
-    `weight`: what its samples weigh in a WEIGHTED layer; `depth`: how far away an OVER layer is at each
-    pixel, metres. `joins`: not so where the picture takes the same from another effect. `is_whole`: not so
-    where other graphs' layers of that name are still to be added to it."""
+    `weight`: what its samples weigh, None where all weigh the same; `depth`: how far away an OVER layer is
+    at each pixel, metres. `joins`: not so where the picture takes the same from another effect. `is_whole`:
+    not so where other graphs' layers of that name are still to be added to it."""
 
     name: str
     effect: str

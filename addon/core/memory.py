@@ -21,6 +21,8 @@ NUMBER_BYTES = 4
 LIVE_VALUES = 5
 """Values of a tile that are there at once for each channel of a layer under way: what it is made of, itself,
 and the rows that probes are drawn from. Measured."""
+WEIGHT_VALUES = 6
+"""The same of what samples weigh: albedo, irradiance and the weight of one layer after the other."""
 KERNEL_BYTES = 40 * MEBIBYTE
 """Threads, their stacks and what kernels sort triangles into."""
 ROOM_BYTES = 400 * MEBIBYTE
@@ -215,6 +217,8 @@ class _Sizes:
                 (sampling.tile_rows + 2 * m) * (sampling.width + 2 * m) for m in margins.get(node, (0,))
             )
             surfaces += pixels * sum(np.dtype(each.dtype).itemsize * each.channels for each in carried)
+        is_weighed = any(layer.weight is not None for layer in graph.layers)
+        surfaces += WEIGHT_VALUES * NUMBER_BYTES * self._tile * is_weighed
         self.shared = sum(map(self.scene_bytes, for_all)) + surfaces + KERNEL_BYTES
 
     def scene_bytes(self, node: Node) -> int:
@@ -239,11 +243,7 @@ class _Sizes:
         return self._sampling.width * self._sampling.height * NUMBER_BYTES * len(layer.channels)
 
     def tiles(self, unit: _Unit) -> int:
-        """Of what passes by at the surface, and of sums beside that of the samples: of squares, of weights
-        and what they weigh."""
+        """Of what passes by at the surface, and of sums of weights."""
         channels = LIVE_VALUES * len(unit.layer.channels) if unit.term is None else 2 * len(unit.nodes)
-        is_summed = unit.term is None and unit.layer.effect and self._sampling.samples > 1
-        sums = self.image(unit.layer) if is_summed else 0
-        if unit.layer.weight is not None:
-            sums += self.image(unit.layer) + self._sampling.width * self._sampling.height * NUMBER_BYTES
+        sums = self.image(unit.layer) if unit.layer.weight is not None else 0
         return channels * NUMBER_BYTES * self._tile + sums

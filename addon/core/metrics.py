@@ -54,16 +54,3 @@ def maximum(errors, weights, sampling=None) -> float:
     errors, weights = _together(errors, weights)
     keep = seen(weights, sampling)
     return float(np.abs(errors[keep]).max(initial=0.0))
-
-
-def antialiasing_error(spread, samples: int) -> float | None:
-    """RMS standard error of pixels that are means of `samples` samples; None for one sample, which tells
-    nothing. `spread`: each pixel's mean squared deviation of its samples from their mean.
-
-    It is that of independent samples. Well-spread ones converge faster, so it errs on the high side.
-    """
-    if samples < 2:
-        return None
-    spread = np.asarray(spread)
-    total = np.sum(spread, where=np.isfinite(spread), dtype=np.float64)
-    return float(np.sqrt(total / max(spread.size, 1) / (samples - 1)))

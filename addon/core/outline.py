@@ -151,6 +151,7 @@ class Material:
     alpha_threshold: float = 0.0
     roughness: float = 0.5
     emission: Colour = (0.0, 0.0, 0.0)
+    metallic: float = 0.0
     medium: Medium | None = None
     has_surface: bool = True
     own_settings: OwnSettings = ()

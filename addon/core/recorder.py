@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Set
+from dataclasses import replace
 
-from .effect import Effect, LayerKind, Need, Offer, Reduce
+from .effect import Effect, LayerKind, Need, Offer
 from .graph import Graph, LeftOut, Node, PlannedLayer, Step
 from .naming import lamp_pass_name, layer_name, named_some
 from .outline import Outline
@@ -102,15 +103,11 @@ class Recorder:
         of: Of | None = None,
         casters: frozenset[int] = frozenset(),
         depth: Node | None = None,
-        weight: Node | None = None,
     ) -> None:
         """Declares an image made by `node`; `of`: which lamp or object, of a kind that is of one; `casters`
-        are the instances that its reference has to trace; `depth`: how far away an OVER layer is, metres;
-        `weight`: what samples weigh, of a kind that is WEIGHTED."""
+        are the instances that its reference has to trace; `depth`: how far away an OVER layer is, metres."""
         if not self._meets(kind.needs):
             raise ValueError(f"'{kind.title}' needs what the shot has not")
-        if (kind.reduce is Reduce.WEIGHTED) != (weight is not None):
-            raise ValueError(f"'{kind.title}' is weighted by a node if it says so, and else by none")
         of = of or Of(kind.of)
         if self.effect and not (of.index in self.lamps if of.is_lamp else self._wants_others):
             return
@@ -134,11 +131,14 @@ class Recorder:
             light,
             of,
             casters,
-            weight=weight,
             depth=depth,
             joins=self._joins(kind, of),
         )
         self._layers.append(layer)
+
+    def weigh(self, layer: PlannedLayer, weight: Node) -> None:
+        """Says what the samples of a declared layer weigh."""
+        self._layers[self._layers.index(layer)] = replace(layer, weight=weight)
 
     def lamps_for(self, kind: LayerKind) -> Iterator[int]:
         """Indices of the lights to record a layer of `kind` of; notes those whose picture takes the same from

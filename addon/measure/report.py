@@ -90,7 +90,6 @@ def error_of(entry: Mapping[str, Any] | None) -> LayerError | NotMeasured | None
 @dataclass(frozen=True)
 class LayerReport:
     """One layer. `seconds` are its own steps', `seconds_alone` what baking only it would have cost;
-    `antialiasing`: RMS standard error of its pixels (core/metrics.py), None for one sample a pixel;
     `neutral`: the frame does not need it, but others of the sequence do; `verdict`: how much of a measured
     error is to be seen (verdict.py), empty for others; `lowered_by`: settings that lower it, where it may be
     seen, and `advice` the same for a person; `joins`: not so where the picture takes the same from another
@@ -103,7 +102,6 @@ class LayerReport:
     seconds_alone: float
     non_finite: int
     error: LayerError | NotMeasured | None
-    antialiasing: float | None = None
     neutral: bool = False
     verdict: str = ""
     lowered_by: tuple[str, ...] = ()
@@ -116,8 +114,6 @@ class LayerReport:
             del plain["error"]
         else:
             plain["error"] = self.error.to_json()
-        if self.antialiasing is None:
-            del plain["antialiasing"]
         if not self.neutral:
             del plain["neutral"]
         if self.joins:
@@ -186,13 +182,12 @@ def report_of(
     costs: Mapping[str, tuple[float, float]],
     errors: Mapping[str, LayerError | NotMeasured],
     warnings: Sequence[str],
-    antialiasing: Mapping[str, float | None] | None = None,
     memory: MemoryEstimate | None = None,
     neutral: Iterable[SequenceLayer] = (),
     order: Sequence[str] = (),
 ) -> Report:
     """Puts a bake's figures together. By layer name: `images`, `costs` (seconds, seconds alone), `errors` of
-    the layers that were to be measured, and `antialiasing` (Execution.antialiasing). `neutral` are layers
+    the layers that were to be measured. `neutral` are layers
     that the sequence has and the graph does not make; `order` are the names of all as the file has them,
     which need not be the graph's."""
     layers = [
@@ -203,7 +198,6 @@ def report_of(
             *costs[layer.name],
             _non_finite(images[layer.name]),
             errors.get(layer.name),
-            (antialiasing or {}).get(layer.name),
             joins=layer.joins,
             **_judged(layer, errors.get(layer.name), outline),
         )

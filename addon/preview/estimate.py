@@ -31,18 +31,17 @@ def resolution_noise(picture: np.ndarray) -> float:
     return _share(np.mean((blocks - means) ** 2, axis=(1, 3)), means[:, 0, :, 0])
 
 
-def sampling_noise(total: np.ndarray, squares: np.ndarray, samples: int, of_samples: int) -> float:
+def sampling_noise(mean: np.ndarray, squares: np.ndarray, samples: int, of_samples: int) -> float:
     """Of the mean of the first `samples` out of `of_samples`, by the spread among them. Two parts: the
     distance to the mean of all, which is the standard error of a sample drawn without putting back (Cochran,
-    Sampling Techniques, eq. 2.15), and what all together err by. `total` and `squares` are sums over samples,
+    Sampling Techniques, eq. 2.15), and what all together err by. `mean` and `squares` are means over samples,
     (height, width[, 4]). With one sample there is no spread to know it by: as much as is lost by halving the
     picture's size."""
     if samples == 1:
-        return resolution_noise(total)
-    step = max(1, int(np.sqrt(total.shape[0] * total.shape[1] / MOST_PIXELS)))
-    total, squares = total[::step, ::step], squares[::step, ::step]
-    mean = total / np.float32(samples)
-    spread = np.maximum(squares / np.float32(samples) - mean * mean, 0.0) * (samples / (samples - 1.0))
+        return resolution_noise(mean)
+    step = max(1, int(np.sqrt(mean.shape[0] * mean.shape[1] / MOST_PIXELS)))
+    mean, squares = mean[::step, ::step], squares[::step, ::step]
+    spread = np.maximum(squares - mean * mean, 0.0) * (samples / (samples - 1.0))
     wrong = spread * (1.0 / samples - 1.0 / of_samples + WELL_SPREAD**2 / of_samples)
     return _share(_luminance(wrong), _luminance(mean))
 

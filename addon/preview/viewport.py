@@ -76,7 +76,7 @@ def _noise(film: Film | None, samples: int, of_samples: int) -> float | None:
     """Of the mean of the first samples; None of what is no mean."""
     if film is None or film.reduce != Reduce.MEAN:
         return None
-    return sampling_noise(film.total, film.squares, samples, of_samples)
+    return sampling_noise(film.image(), film.squares(), samples, of_samples)
 
 
 class Viewport:
@@ -230,7 +230,7 @@ class Viewport:
         )
         sampling = fitted(sampling, graph.nodes())
         executor, epoch, execution = session.executor, next(_epochs), Execution()
-        takes = [replace(take, has_spread=True) for take in takes_of(graph)]
+        takes = [replace(take, has_squares=True) for take in takes_of(graph)]
         shown = started
         for chunk in sampling.chunks():
             for _share in executor.frame(graph, chunk, epoch, execution):

@@ -106,6 +106,7 @@ def _surface_of(material: bpy.types.Material, images: Images) -> tuple[Material,
         threshold,
         float(reader.value("Roughness")),
         emission,
+        reader.metallic(),
     )
     reader.note_unread_lobes()
     return read, [f"material '{name}': {reason}" for reason in reader.warnings]
@@ -154,6 +155,13 @@ class _Reader:
                 return source.outputs[0].default_value
             self.warnings.append(f"node '{source.name}' is not read for {name}")
         return socket.default_value
+
+    def metallic(self) -> float:
+        """Its constant; 0 where something is linked."""
+        source, _output = _source(self.node.inputs["Metallic"])
+        if source is None:
+            return float(self.node.inputs["Metallic"].default_value)
+        return float(source.outputs[0].default_value) if source.bl_idname == "ShaderNodeValue" else 0.0
 
     def base_color(self, name: str):
         source, _output = _source(self.node.inputs[name])

@@ -76,13 +76,6 @@ def test_what_layers_share_is_no_ones_own():
         assert layer.seconds_alone >= layer.seconds + steps["shared"]
 
 
-def test_the_standard_error_of_antialiasing_is_reported():
-    (layer,) = bake(samples=4).layers.report["layers"]
-    assert 0.0 < layer["antialiasing"] < 0.5
-    (layer,) = bake(samples=1).layers.report["layers"]
-    assert "antialiasing" not in layer
-
-
 def test_the_seed_chooses_the_probes():
     errors = [bake(seed=1, **{"probes": 64}).report.layers[0].error for _ in range(2)]
     assert errors[0].value == errors[1].value

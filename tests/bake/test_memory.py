@@ -14,7 +14,7 @@ from strata.addon.core.errors import StrataError
 from strata.addon.core.executor import Executor
 from strata.addon.core.film import Film
 from strata.addon.core.graph import Node, Step
-from strata.addon.core.memory import MEBIBYTE, MemoryEstimate, in_groups
+from strata.addon.core.memory import MEBIBYTE, WEIGHT_VALUES, MemoryEstimate, in_groups
 from strata.addon.core.sampling import Sampling
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.registry import EFFECTS
@@ -133,7 +133,7 @@ def test_groups_hold_all_layers_once_and_keep_to_the_limit():
 
 
 def test_what_weighs_the_samples_of_a_layer_counts():
-    """Its maps, and the sums of weights and of what they weigh: two images more."""
+    """Its maps, the sum of weights, and what weights are made of."""
     outline, sampling = tilted_quad_scene()[0], Sampling(*SHOT.size, 4)
     plain = depth_graph(outline)
     step = Step("map", cpu=lambda device: None, bytes_of=lambda node, outline: 1000 * MEBIBYTE)
@@ -142,7 +142,7 @@ def test_what_weighs_the_samples_of_a_layer_counts():
     weighted = replace(plain, layers=(replace(plain.layers[0], weight=weight),))
     estimates = [in_groups(graph, outline, sampling, ENDLESS)[1] for graph in (plain, weighted)]
     more = estimates[1].needed - estimates[0].needed - 1000 * MEBIBYTE
-    assert more == 2 * 4 * sampling.width * sampling.height
+    assert more == (1 + WEIGHT_VALUES) * 4 * sampling.width * sampling.height
 
 
 def test_the_estimate_says_what_there_is():

@@ -11,11 +11,11 @@ from strata.addon.core.execution import Execution
 from strata.addon.core.executor import Executor
 from strata.addon.core.film import Film, takes_of
 from strata.addon.core.graph import Node, PlannedLayer, Rate, Step
-from strata.addon.core.recorder import plan
 from strata.addon.core.sampling import Sampling
 from strata.addon.core.shot import PixelFilter
 from strata.addon.core.surface import Chunk
 from strata.addon.devices.cpu import CpuDevice
+from strata.addon.effects.shared.weights import FLOOR, FLOOR_OFF_SURFACES
 from strata.tests.support.executing import SIZE, depth_graph, drain, tilted_quad_scene
 
 BOX = PixelFilter("BOX", 0.5)
@@ -31,24 +31,51 @@ def fed(film: Film, samples: list, weights: list | None = None) -> Film:
     return film
 
 
-def test_a_mean_of_samples_and_their_spread():
-    film = fed(Film("a", (1, 2), has_spread=True), [(1.0, 5.0), (3.0, 5.0)])
+def test_a_mean_of_samples_and_of_their_squares():
+    film = fed(Film("a", (1, 2), has_squares=True), [(1.0, 5.0), (3.0, 5.0)])
     assert film.image().tolist() == [[2.0, 5.0]]
-    assert film.spread().tolist() == [[1.0, 0.0]]
+    assert film.squares().tolist() == [[5.0, 25.0]]
     assert film.finished().tolist() == [[2.0, 5.0]]
 
 
-def test_a_weighted_mean_is_a_ratio_of_sums_and_plain_where_nothing_weighs():
-    film = Film("a", (1, 3), Reduce.WEIGHTED)
-    fed(film, [(1.0, 1.0, 1.0), (0.0, 0.0, 0.0)], [(3.0, 0.0, 0.0), (1.0, 2.0, 0.0)])
-    assert film.image().tolist() == [[0.75, 0.0, 0.5]]
-    assert film.finished().tolist() == [[0.75, 0.0, 0.5]]
+def test_a_weighted_mean_is_a_ratio_of_sums():
+    film = Film("a", (1, 2), weights=(1, 2), has_squares=True)
+    fed(film, [(1.0, 1.0), (0.0, 2.0)], [(3.0, 1e-30), (1.0, 2.0)])
+    assert film.image().tolist() == [[0.75, 2.0]]
+    assert film.squares().tolist() == [[0.75, 4.0]]
+    assert film.finished().tolist() == [[0.75, 2.0]]
+    assert film.weights.tolist() == [[2.0, 1.0]]
 
 
-def test_a_weight_counts_for_every_channel():
-    film = Film("a", (1, 1, 2), Reduce.WEIGHTED)
-    fed(film, [[(1.0, 2.0)], [(5.0, 6.0)]], [(3.0,), (1.0,)])
+def test_where_all_weigh_nothing_the_mean_over_surfaces_stands():
+    film = Film("a", (1, 3), weights=(1, 3))
+    samples = [(0.25, 0.25, 1.0), (0.75, 0.75, 1.0), (0.5, 1.0, 1.0)]
+    weights = [(FLOOR, FLOOR, FLOOR_OFF_SURFACES)] * 2 + [(FLOOR, FLOOR_OFF_SURFACES, FLOOR_OFF_SURFACES)]
+    assert np.allclose(fed(film, samples, weights).finished(), [[0.5, 0.5, 1.0]], rtol=2e-6)
+
+
+def test_one_sample_and_equal_samples_keep_their_bits():
+    values = np.random.default_rng(1).uniform(0.0, 1.0, 64).astype(np.float32)
+    weights = np.random.default_rng(2).uniform(1e-30, 1e3, (5, 64)).astype(np.float32)
+    for samples in (1, 5):
+        film = fed(Film("a", (1, 64), weights=(1, 64)), [values] * samples, list(weights[:samples]))
+        assert np.array_equal(film.finished()[0], values)
+
+
+def test_a_sample_may_come_in_parts_of_its_weight():
+    film = Film("a", (1, 1), weights=(1, 1))
+    for weights in ((3.0, 1.0), (1.0, 1.0)):
+        fed(film, [(1.0,), (0.0,)], [(weight,) for weight in weights])
+    assert np.allclose(film.finished(), 4.0 / 6.0)
+    assert film.weights.tolist() == [[3.0]]
+
+
+def test_a_weight_counts_for_every_channel_or_each_has_its_own():
+    samples = [[(1.0, 2.0)], [(5.0, 6.0)]]
+    film = fed(Film("a", (1, 1, 2), weights=(1, 1)), samples, [(3.0,), (1.0,)])
     assert film.finished().tolist() == [[[2.0, 3.0]]]
+    film = fed(Film("a", (1, 1, 2), weights=(1, 1, 2)), samples, [[(3.0, 1.0)], [(1.0, 3.0)]])
+    assert film.finished().tolist() == [[[2.0, 5.0]]]
 
 
 def test_ids_have_no_mean():
@@ -122,33 +149,19 @@ def test_a_weighted_layer_is_weighed_by_its_node(scene, tile_pixels):
     graph = depth_graph(outline)
     depth = graph.layers[0].node
     middle = np.float32(np.median(images(graph, device, 1)["Depth"]))
-    near = Node(Step("near", cpu=lambda device, depth: np.float32(1.0) * (depth < middle)), "", (depth,), {})
+    near = Step("near", cpu=lambda device, depth: np.float32(FLOOR) + np.float32(1.0) * (depth < middle))
+    near = Node(near, "", (depth,), {})
     product = Node(Step("product", cpu=lambda device, a, b: a * b), "", (depth, near), {})
-    weighted = layer_of(depth, "Weighted", reduce=Reduce.WEIGHTED, weight=near)
+    weighted = layer_of(depth, "Weighted", weight=near)
     layers = (weighted, *(layer_of(node, node.step.name) for node in (near, product)), graph.layers[0])
-    found = images(replace(graph, layers=layers), device, 4, tile_pixels)
-    with np.errstate(invalid="ignore"):
-        expected = np.where(found["near"] > 0.0, found["product"] / found["near"], found["Depth"])
-    assert 0.0 < (found["near"] > 0.0).mean() < 1.0
+    executor = Executor(device, device)
+    drain(executor.run(replace(graph, layers=layers), Sampling(*SIZE, 4, BOX, tile_pixels)))
+    found = executor.execution.images
+    expected = np.where(found["near"] > FLOOR, found["product"] / found["near"], found["Depth"])
+    assert 0.0 < (found["near"] > FLOOR).mean() < 1.0
     assert np.allclose(found["Weighted"], expected, rtol=1e-6)  # sums and means round apart
-
-
-def test_an_effect_gives_its_weighted_layer_a_weight(scene):
-    outline, device = scene
-    depth = depth_graph(outline)
-    node, kind = depth.layers[0].node, LayerKind("Weighted", "V", reduce=Reduce.WEIGHTED)
-    ones = Node(Step("ones", cpu=lambda device, depth: np.ones_like(depth)), "", (node,), {})
-
-    def record(recorder, outline):
-        recorder.surface(depth.surface, "depth")
-        recorder.layer(kind, node, weight=ones)
-        with pytest.raises(ValueError, match="weighted by a node"):
-            recorder.layer(kind, node)
-        with pytest.raises(ValueError, match="weighted by a node"):
-            recorder.layer(LayerKind("Plain", "V"), node, weight=ones)
-
-    found = images(plan(outline, depth.shot, {}, record), device, 2)["Weighted"]
-    assert np.allclose(found, images(depth, device, 2)["Depth"], rtol=1e-6)  # sums and means round apart
+    assert executor.execution.weights.keys() == {"Weighted"}
+    assert np.array_equal(executor.execution.weights["Weighted"], found["near"])
 
 
 def test_a_preview_develops_what_it_has_so_far(scene):

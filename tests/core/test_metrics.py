@@ -1,9 +1,7 @@
 """Error figures against values worked out by hand."""
 
 import numpy as np
-import pytest
 from strata.addon.core.metrics import (
-    antialiasing_error,
     maximum,
     quantile,
     seen,
@@ -31,21 +29,3 @@ def test_quantile_counts_seen_pixels():
     assert seen(weights).tolist() == [True, True, False]
     assert maximum(errors, weights) == 0.2
     assert quantile(-errors, weights, 0.99) == 0.2
-
-
-def test_antialiasing_error_of_an_edge():
-    """Pixels cut by edges: the mean of 16 independent samples has the standard error that is
-    claimed, and of one sample nothing can be said."""
-    rng = np.random.default_rng(2)
-    coverage = rng.random(4000)
-    samples = (rng.random((16, 4000)) < coverage).astype(np.float32)
-    mean = samples.mean(axis=0)
-    spread = ((samples - mean) ** 2).mean(axis=0)
-    actual = np.sqrt(((mean - coverage) ** 2).mean())
-    assert antialiasing_error(spread, 16) == pytest.approx(actual, rel=0.05)
-    assert antialiasing_error(spread, 1) is None
-    # Well-spread samples do better than that, never worse.
-    stratified = ((np.arange(16)[:, None] + rng.random((16, 4000))) / 16 < coverage).astype(np.float32)
-    mean = stratified.mean(axis=0)
-    spread = ((stratified - mean) ** 2).mean(axis=0)
-    assert antialiasing_error(spread, 16) > np.sqrt(((mean - coverage) ** 2).mean())

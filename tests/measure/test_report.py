@@ -102,12 +102,6 @@ def test_json_has_the_documented_keys():
     assert {"error", "verdict", "lowered_by"}.isdisjoint(fill)
 
 
-def test_antialiasing_is_reported_where_there_are_samples():
-    first = report(antialiasing=dict.fromkeys(NAMES, 0.1)).to_json()["layers"][0]
-    assert first["antialiasing"] == pytest.approx(0.1, rel=1e-5)
-    assert "antialiasing" not in report(antialiasing=dict.fromkeys(NAMES)).to_json()["layers"][0]
-
-
 def test_numbers_are_short_and_finite():
     assert rounded(1 / 3) == 0.333333
     assert rounded(1.23456789e-9) == 1.23457e-9

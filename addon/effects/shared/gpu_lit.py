@@ -116,11 +116,11 @@ def material_colour(device, surface, colours, images, version):
         MATERIAL_COLOUR, size, {"colour": result}, {"material": found, "colours": table}, {"size": size}
     )
     device.release(table)
-    for material, image in images:
+    for material, image, share in images:
         texels = device.texture(image)
         if texels is not None:
             samplers = {"material": found, "uv": surface["uv"], "texels": texels}
-            params = {"size": size, "which": (material, texels.shape[1], texels.shape[0])}
+            params = {"size": size, "which": (material, texels.shape[1], texels.shape[0], share)}
             device.dispatch(TEXTURE_COLOUR, size, {"colour": result}, samplers, params)
     return result
 

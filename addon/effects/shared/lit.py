@@ -28,12 +28,12 @@ def _material_colour(device, surface, colours, images, version):
     table[:-1, 3] = 1.0
     found = surface["material"]
     colour = table.take(found, axis=0, mode="wrap")  # index -1, a miss, is the last
-    for material, image in images:
+    for material, image, share in images:
         texels = device.texture(image)
         if texels is not None:
             there = found == material
             if there.any():
-                colour[there, :3] = bilinear(texels, surface["uv"][there])
+                colour[there, :3] = np.float32(share) * bilinear(texels, surface["uv"][there])
     return colour
 
 
@@ -128,20 +128,41 @@ def shines(light: Light, visible: frozenset[int], region: np.ndarray) -> bool:
 
 
 def base_colour(recorder: Recorder, outline: Outline, surface: Node) -> Node:
-    """Diffuse colour of the surface."""
+    """The surface's colour, as the composite has it."""
+    return _colour(recorder, outline, surface, "base colour", [1.0] * len(outline.materials))
+
+
+def diffuse_albedo(recorder: Recorder, outline: Outline, surface: Node) -> Node:
+    """What of light the surface sends back in all directions: a metal nothing."""
+    shares = [1.0 - min(max(material.metallic, 0.0), 1.0) for material in outline.materials]
+    return _colour(recorder, outline, surface, "diffuse albedo", shares)
+
+
+def white(recorder: Recorder, outline: Outline, surface: Node) -> Node:
+    """1 where there is a surface, in all channels."""
+    recorder.surface(surface, "material")
+    colours = ((1.0, 1.0, 1.0),) * len(outline.materials)
+    return recorder.step(MATERIAL_COLOUR, surface, instance="white", colours=colours, images=(), version=0)
+
+
+def _colour(recorder: Recorder, outline: Outline, surface: Node, name: str, shares: list[float]) -> Node:
+    """Each material's base colour times its share."""
     images = tuple(
-        (index, material.base_color_image)
-        for index, material in enumerate(outline.materials)
-        if material.base_color_image is not None
+        (index, material.base_color_image, share)
+        for index, (material, share) in enumerate(zip(outline.materials, shares, strict=True))
+        if material.base_color_image is not None and share > 0.0
     )
     if images:
         recorder.wants("uv", "base_color")
     recorder.surface(surface, "material", *(("uv",) if images else ()))
-    colours = tuple(material.base_color for material in outline.materials)
+    colours = tuple(
+        tuple(share * channel for channel in material.base_color)
+        for material, share in zip(outline.materials, shares, strict=True)
+    )
     return recorder.step(
         MATERIAL_COLOUR,
         surface,
-        instance="base colour",
+        instance=name,
         colours=colours,
         images=images,
         # Textures are told apart by index only, which is all there is while a scene stands still.

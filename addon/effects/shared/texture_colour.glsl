@@ -1,4 +1,4 @@
-// Colours from a texture, repeated and bilinear, where the material is `which.x`.
+// Colours from a texture, repeated and bilinear, where the material is `which.x`; of them the share `which.w`.
 
 void main()
 {
@@ -16,5 +16,5 @@ void main()
   high = (high + extent) % extent;
   vec3 bottom = mix(texelFetch(texels, low, 0).rgb, texelFetch(texels, ivec2(high.x, low.y), 0).rgb, share.x);
   vec3 top = mix(texelFetch(texels, ivec2(low.x, high.y), 0).rgb, texelFetch(texels, high, 0).rgb, share.x);
-  imageStore(colour, pixel, vec4(mix(bottom, top, share.y), 1.0));
+  imageStore(colour, pixel, vec4(params.which.w * mix(bottom, top, share.y), 1.0));
 }

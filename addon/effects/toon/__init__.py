@@ -24,6 +24,7 @@ HALFTONE = LayerKind(
     role=Role.TRANSMITTANCE,
     doc="Dots that grow with the shade: 1 is paper, 0 is ink",
     needs=frozenset({Need.EYE}),
+    is_weighed=False,
 )
 OUTLINE = LayerKind(
     title="Toon Outline",

@@ -96,7 +96,7 @@ def test_colours_and_textures_are_the_same_on_both_devices():
     texels = rng.uniform(size=(5, 7, 4)).astype(np.float32)
     given = {
         "colours": ((0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (9.0, 9.0, 9.0)),
-        "images": ((1, 0), (2, 1)),
+        "images": ((1, 0, 0.75), (2, 1, 1.0)),
         "version": 0,
     }
     results = []

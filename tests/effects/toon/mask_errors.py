@@ -5,7 +5,7 @@ The report's own figure is by rays, at some pixels: it knows wrong steps too, th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from strata.addon.core.execution import Execution
@@ -53,12 +53,13 @@ def edge_errors(read, samples: list[int]) -> dict[tuple[str, int], EdgeError]:
 class _Watched(Execution):
     """Keeps `deviation`, by layer: each pixel's mean squared deviation of its samples from their mean."""
 
-    def finish(self, take, samples):
-        squares = self.films[take.name].squares
-        squares = None if squares is None else squares.copy()
-        super().finish(take, samples)
-        if squares is not None:
-            self.deviation[take.name] = squares / samples - self.images[take.name] ** 2
+    def add(self, take, chunk, tile, weight):
+        super().add(replace(take, has_squares=True), chunk, tile, weight)
+
+    def finish(self, take):
+        squares = self.films[take.name].squares()
+        super().finish(take)
+        self.deviation[take.name] = squares - self.images[take.name] ** 2
 
 
 def _execution(read, samples: int) -> Execution:

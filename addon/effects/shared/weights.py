@@ -1,0 +1,106 @@
+"""What the samples of a layer that multiplies weigh: the light that it multiplies.
+
+A pixel of such a layer is sum(V w) / sum(w) over its samples, so that the product of the finished layers is
+the mean of the samples' products. With a plain mean of V it is not: where two surfaces share a pixel, the
+darker one's V would count as much as the brighter one's.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import numpy as np
+
+from ...core.graph import Node, PlannedLayer, Rate, Step
+from ...core.outline import Light, Outline
+from ...core.recorder import Recorder
+from ...core.roles import PRODUCT, Of
+from . import lit, steps
+
+MOST = 1e30
+FLOOR, FLOOR_OFF_SURFACES = 1e-30, 1e-36
+"""What any sample weighs at least: where no light arrives a pixel is the plain mean over its samples on
+surfaces, and over all of them where none is."""
+
+LUMINANCE = {
+    "Linear Rec.709": (0.2126, 0.7152, 0.0722),
+    "Linear Rec.2020": (0.2627, 0.6780, 0.0593),
+    "ACEScg": (0.2722287, 0.6740818, 0.0536895),
+}
+"""Of the working space's primaries: ITU-R BT.709 and BT.2020, SMPTE ST 2065-1's AP1."""
+
+
+class Weight(Enum):
+    """What samples weigh."""
+
+    RADIANCE = "radiance"
+    """The light that the surface would send back: irradiance times diffuse albedo."""
+    IRRADIANCE = "irradiance"
+    """The light that would arrive there."""
+    NONE = "none"
+    """All the same."""
+
+
+def _weight(device, colour, *factors, share, luminance):
+    floor = np.where(colour[..., 3] > 0.0, np.float32(FLOOR), np.float32(FLOOR_OFF_SURFACES))
+    with np.errstate(over="ignore", invalid="ignore"):
+        if luminance is not None and all(factor.ndim == 2 for factor in factors):
+            weight = colour @ np.float32((*np.multiply(share, luminance), 0.0))
+            for factor in factors:
+                weight *= factor
+        else:
+            weight = colour[..., :3] * np.float32(share)
+            for factor in factors:
+                weight *= factor[..., None] if factor.ndim == 2 else factor[..., :3]
+            weight = weight @ np.float32(luminance) if luminance is not None else weight
+    # fmax takes the number where the other is none.
+    weight = np.fmin(np.fmax(weight, np.float32(0.0)), np.float32(MOST))
+    weight += floor if weight.ndim == 2 else floor[..., None]
+    return weight
+
+
+# A colour (h, w, 4), which is there where its alpha is, times images (h, w[, 3 or 4]) and a constant colour:
+# its luminance, or as it is where there are no coefficients; 0 to MOST and the floor.
+WEIGHT = Step("weight", cpu=_weight, hole="not yet")
+
+
+def record(recorder: Recorder, outline: Outline, how: Weight) -> None:
+    """Gives weights to all layers recorded so far whose samples weigh."""
+    layers = [layer for layer in recorder.layers if _is_weighed(layer)]
+    if how is Weight.NONE or not layers:
+        return
+    points = steps.surface(recorder, outline, "material")
+    has_albedo = how is Weight.RADIANCE and recorder.shot.has_eye
+    albedo = (
+        lit.diffuse_albedo(recorder, outline, points) if has_albedo else lit.white(recorder, outline, points)
+    )
+    for index in sorted({layer.of.index for layer in layers if layer.of.is_lamp}):
+        light = outline.lights[index]
+        arriving = lit.irradiance(recorder, points, light)
+        factors = [albedo, arriving]
+        own = [layer for layer in recorder.layers if layer.of == Of.lamp(index)]
+        for layer in (layer for role in PRODUCT for layer in own if layer.role is role):
+            if layer in layers:
+                recorder.weigh(layer, _node(recorder, outline, layer, factors, _hue(light)))
+            if layer.joins and layer.node.rate != Rate.PICTURE:
+                factors.append(layer.node)
+
+
+def _is_weighed(layer: PlannedLayer) -> bool:
+    return layer.role in PRODUCT and layer.kind.is_weighed and layer.node.rate != Rate.PICTURE
+
+
+def _node(recorder, outline, layer: PlannedLayer, factors: list[Node], share) -> Node:
+    """A colour weighs channel by channel."""
+    luminance = LUMINANCE.get(outline.working_space, LUMINANCE["Linear Rec.709"])
+    if len(layer.channels) == 3:
+        luminance = None
+    instance = layer.light or layer.name
+    return recorder.step(WEIGHT, *factors, instance=instance, share=share, luminance=luminance)
+
+
+def _hue(light: Light) -> tuple[float, float, float]:
+    """The light's colour, its largest channel 1, so that its power does not matter."""
+    sizes = np.abs(np.array(light.intensity, np.float64))
+    largest = sizes.max()
+    return tuple((sizes / largest).tolist()) if 0.0 < largest < np.inf else (1.0, 1.0, 1.0)

@@ -1,0 +1,148 @@
+"""What samples weigh: products of finished layers are means of products."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+from strata.addon.bake import bake
+from strata.addon.core.errors import StrataError
+from strata.addon.devices.cpu import CpuDevice
+from strata.addon.effects.shared.weights import FLOOR, FLOOR_OFF_SURFACES, LUMINANCE, MOST, WEIGHT
+from strata.addon.planning import Options
+from strata.tests.support.tiny_effects import GOBO, registry
+
+REC709 = LUMINANCE["Linear Rec.709"]
+SIZE = (48, 32)
+
+
+def material(name: str, colour, **inputs) -> bpy.types.Material:
+    made = bpy.data.materials.new(name)
+    principled = made.node_tree.nodes["Principled BSDF"]
+    principled.inputs["Base Color"].default_value = (*colour, 1.0)
+    for key, value in inputs.items():
+        principled.inputs[key].default_value = value
+    return made
+
+
+def fringe_scene(lamps: int = 1, power: float = 1.0) -> bpy.types.Scene:
+    """A white wall behind a black fence and metal posts, between which lamps throw shadows: most pixels show
+    several surfaces, some lit and some not."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    white = material("White", (0.9, 0.9, 0.9))
+    dark = material("Dark", (0.02, 0.02, 0.02))
+    metal = material("Metal", (0.9, 0.9, 0.9), Metallic=1.0)
+    red = material("Red", (0.8, 0.1, 0.05))
+    bpy.ops.mesh.primitive_plane_add(size=6.0, location=(0.0, 0.0, 0.0))
+    bpy.context.object.data.materials.append(white)
+    for number in range(12):
+        bpy.ops.mesh.primitive_cube_add(size=1.0, location=(0.3 * number - 1.65, 0.0, 0.6))
+        bpy.context.object.scale = (0.05, 1.6 - 0.08 * number, 0.04)
+        bpy.context.object.rotation_euler = (0.0, 0.1 * number, 0.2)
+        bpy.context.object.data.materials.append((dark, metal, red)[number % 3])
+    for number in range(lamps):
+        lamp = bpy.data.lights.new(f"Lamp {number}", "AREA")
+        lamp.energy, lamp.size = power * 60.0, 0.4
+        thing = bpy.data.objects.new(lamp.name, lamp)
+        thing.location = (1.0 - 1.5 * number, 0.7, 2.2)
+        scene.collection.objects.link(thing)
+    camera = bpy.data.cameras.new("Camera")
+    camera.type, camera.ortho_scale = "ORTHO", 4.0
+    scene.camera = bpy.data.objects.new("Camera", camera)
+    scene.camera.location.z = 3.0
+    scene.collection.objects.link(scene.camera)
+    return scene
+
+
+def made(scene, backend: str = "cpu", **options):
+    how = Options(backend=backend, probes=0, **{"samples": 4, "composite": True, "lit": True} | options)
+    return bake(scene, scene.view_layers[0], how, size=SIZE)
+
+
+def layers_of(baked) -> dict[str, np.ndarray]:
+    return {layer.name: layer.pixels for layer in baked.layers.layers}
+
+
+def apart(found, expected) -> float:
+    """The largest difference as a share of the brightest."""
+    return float(np.abs(found - expected).max() / expected.max())
+
+
+def without_metal(scene) -> None:
+    for each in bpy.data.materials:
+        each.node_tree.nodes["Principled BSDF"].inputs["Metallic"].default_value = 0.0
+
+
+@pytest.mark.parametrize("samples", [1, 4])
+def test_a_shadow_times_the_unshadowed_picture_is_the_shadowed_one(backend, samples):
+    scene = fringe_scene()
+    without_metal(scene)
+    found, plain = (made(scene, backend, samples=samples, weight=how) for how in ("radiance", "none"))
+    luminance = np.array(REC709)
+    expected = found.composite[..., :3] @ luminance
+    lit = found.lit[0][..., :3] @ luminance
+    (shadow,) = layers_of(found).values()
+    assert apart(shadow * lit, expected) < 2e-6
+    (shadow,) = layers_of(plain).values()
+    assert (apart(shadow * lit, expected) > 0.02) == (samples > 1)
+    assert np.array_equal(found.composite, plain.composite)
+
+
+def test_a_gobo_and_a_shadow_multiply_like_their_samples(backend):
+    scene = fringe_scene()
+    without_metal(scene)
+    found = made(scene, backend, effects=("soft_shadow", "gobo"), registry=registry(GOBO))
+    layers, luminance = layers_of(found), np.array(REC709)
+    gobo, shadow = layers["Gobo Lamp 0"], layers["Soft Shadow Lamp 0"]
+    product = found.lit[0][..., :3] * gobo * shadow[..., None]
+    assert apart(product @ luminance, found.composite[..., :3] @ luminance) < 3e-6
+
+
+def test_metals_weigh_nothing():
+    """The layer is that of what is no metal, wherever any of it is in the pixel."""
+    scene = fringe_scene()
+    found = made(scene)
+    (shadow,) = layers_of(found).values()
+    without_metal(scene)
+    (other,) = layers_of(made(scene)).values()
+    assert np.abs(shadow - other).max() > 0.1
+    for each in bpy.data.materials:
+        if each.name == "Metal":
+            each.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0, 0, 0, 1)
+    (other,) = layers_of(made(scene)).values()
+    assert np.allclose(shadow, other, atol=1e-6)
+
+
+def test_power_does_not_matter():
+    (first,) = layers_of(made(fringe_scene())).values()
+    for power in (1e-12, 1e12):
+        (other,) = layers_of(made(fringe_scene(power=power))).values()
+        assert np.array_equal(first, other)
+
+
+def test_what_weighs_is_a_choice():
+    scene = fringe_scene()
+    found = {
+        how: next(iter(layers_of(made(scene, weight=how)).values()))
+        for how in ("radiance", "irradiance", "none")
+    }
+    assert np.abs(found["radiance"] - found["irradiance"]).max() > 0.1
+    assert np.abs(found["irradiance"] - found["none"]).max() > 0.01
+    with pytest.raises(StrataError, match="weight: 'light' is none of radiance, irradiance, none"):
+        Options(weight="light")
+
+
+def weigh(device, colour, *factors, share=(1.0, 0.5, 0.25), luminance=REC709):
+    inputs = [device.from_host(each) for each in (colour, *factors)]
+    value = WEIGHT.twin(device.name)(device, *inputs, share=share, luminance=luminance)
+    return device.to_host(value)
+
+
+def test_a_weight_has_a_floor_and_a_ceiling_and_is_a_number():
+    colour = np.ones((1, 6, 4), np.float32)
+    colour[0, 5] = 0.0
+    factor = np.array([[0.0, np.nan, np.inf, -1.0, 2.0, 7.0]], np.float32)
+    found = weigh(CpuDevice(), colour, factor, share=(1.0, 1.0, 1.0))
+    assert np.allclose(found, [[FLOOR, FLOOR, MOST, FLOOR, 2.0, FLOOR_OFF_SURFACES]], rtol=1e-6)
+    assert np.isfinite(weigh(CpuDevice(), colour, factor, factor, luminance=None)).all()
