@@ -77,6 +77,7 @@ def put_together(
                 costs[layer.name][0],
                 error,
                 params.as_dict(),
+                weight=layer.weighed_by,
             )
         )
     settings = {effect_id: params.as_dict() for effect_id, params in chosen.items()}

@@ -17,10 +17,10 @@ from .core.recorder import Recorder, plan
 from .core.roles import Role
 from .core.sampling import Sampling
 from .core.shot import Shot
+from .core.weight import Weight
 from .effects.registry import EFFECTS
 from .effects.shared import composite, lit, weights
 from .effects.shared.steps import surface
-from .effects.shared.weights import Weight
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 
 from ..addon.core.errors import StrataError
 from ..addon.core.params import ParamSpec
+from ..addon.core.weight import Weight
 from ..addon.layers.exr_params import ExrParams
 from ..addon.layers.numbered import Placeholder
 from ..addon.layers.paths import NEVER_SAVED, beside, exr_path, safe_name
@@ -120,6 +121,8 @@ def build_parser(needs_scene: bool) -> Parser:
     bake.add_argument("--backend", choices=("auto", "cpu", "gpu"), help="default: the scene's, or auto")
     bake.add_argument("--samples", type=whole_number(1, 4096), metavar="N",
                       help="surfaces per pixel (default: the scene's, or 8)")  # fmt: skip
+    bake.add_argument("--weight", choices=[each.value for each in Weight],
+                      help="of samples, where layers multiply (default: the scene's)")  # fmt: skip
     bake.add_argument("--probes", type=whole_number(0, 1 << 20), metavar="N",
                       help="to measure the error at (default: the scene's, or 15%% of the time)")  # fmt: skip
     bake.add_argument(

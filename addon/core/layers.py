@@ -21,7 +21,8 @@ class Layer:
     for one channel and (height, width, channels) for more; row 0 is the bottom row. C-contiguous, or a view
     with no strides of one value (np.broadcast_to), which costs no memory and next to nothing to write.
     `of`: the lamp that it is of, or what else; `light` is that lamp's own name. `error` is the report's entry
-    for this layer, `settings` the effect's parameters as plain values.
+    for this layer, `settings` the effect's parameters as plain values, `weight` what its samples weighed
+    (PlannedLayer.weighed_by).
     `view_layer` is where it belongs, empty for the set's.
     """
 
@@ -35,6 +36,7 @@ class Layer:
     error: dict[str, Any] = field(default_factory=dict)
     settings: dict[str, Any] = field(default_factory=dict)
     view_layer: str = ""
+    weight: str = "none"
 
     def __post_init__(self):
         depth = () if len(self.channels) == 1 else (len(self.channels),)

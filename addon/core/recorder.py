@@ -136,9 +136,10 @@ class Recorder:
         )
         self._layers.append(layer)
 
-    def weigh(self, layer: PlannedLayer, weight: Node) -> None:
+    def weigh(self, layer: PlannedLayer, weight: Node, weighed_by: str) -> None:
         """Says what the samples of a declared layer weigh."""
-        self._layers[self._layers.index(layer)] = replace(layer, weight=weight)
+        place = self._layers.index(layer)
+        self._layers[place] = replace(layer, weight=weight, weighed_by=weighed_by)
 
     def lamps_for(self, kind: LayerKind) -> Iterator[int]:
         """Indices of the lights to record a layer of `kind` of; notes those whose picture takes the same from

@@ -82,6 +82,7 @@ def layer_attributes(layer: Layer) -> dict[str, str | float]:
         "strata:effect": layer.effect,
         "strata:light": layer.light,
         "strata:settings": to_json(layer.settings),
+        "strata:weight": layer.weight,
         "strata:seconds": layer.seconds,
         "strata:error": to_json(layer.error),
     }

@@ -13,6 +13,7 @@ import bpy
 from ..core.effect import Effect
 from ..core.params import Colour, Lamp, ParamSpec, in_words
 from ..core.ramp import Ramp
+from ..core.weight import Weight
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
 from ..planning import Options
@@ -49,6 +50,7 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
         "effects": tuple(effect.id for effect in EFFECTS if getattr(settings, effect.id).enabled),
         "backend": preferences.backend_of(settings),
         "samples": settings.samples,
+        "weight": settings.weight,
         # Only a number that somebody set is kept whatever it takes.
         "probes": settings.probes if settings.is_property_set("probes") else None,
         "memory_bytes": round(settings.memory_gb * 1e9),
@@ -203,6 +205,12 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
             name="Samples",
             description="Jittered surfaces per pixel. More is slower and has smoother edges",
             default=8, min=1, max=4096, soft_max=64,
+        ),
+        "weight": bpy.props.EnumProperty(
+            name="Weight",
+            description="What the samples of a pixel weigh in layers that multiply",
+            items=[(each.value, each.name.capitalize(), each.doc) for each in Weight],
+            default=Weight.RADIANCE.value,
         ),
         "probes": bpy.props.IntProperty(
             name="Error Probes",

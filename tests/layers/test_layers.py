@@ -73,6 +73,7 @@ def test_file_says_what_openexr_readers_expect(tmp_path):
         assert glow.header["colorInteropID"] == "lin_rec709_scene"
         assert shadow.header["compression"] == OpenEXR.ZIP_COMPRESSION
         assert shadow.header["strata:light"] == "Key"
+        assert shadow.header["strata:weight"] == "none"
         assert json.loads(shadow.header["strata:error"]) == ERROR
         assert json.loads(shadow.header["strata:report"])["frame"] == 3
         assert "strata:report" not in glow.header

@@ -47,4 +47,5 @@ def _layer(part_name: str, header: dict[str, Any], planes: dict[str, np.ndarray]
         seconds=header["strata:seconds"],
         error=json.loads(header["strata:error"]),
         settings=json.loads(header["strata:settings"]),
+        weight=header["strata:weight"],
     )

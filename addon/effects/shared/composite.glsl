@@ -3,26 +3,8 @@
 // it has one channel. With PART only some of the light is summed: no alpha, and of what lies over it only what it
 // hides. PRODUCT is of FACTORS images that scale light, for a lamp that has more of them than a program takes.
 
-#define SCALE(light, factor, k) \
-  light *= params.grey[k] > 0.5 ? texelFetch(factor, pixel, 0).rrr : texelFetch(factor, pixel, 0).rgb
-
 #ifdef FACTORS
-vec3 scaled(vec3 light, ivec2 pixel)
-{
-#  if FACTORS > 0
-  SCALE(light, factor0, 0);
-#  endif
-#  if FACTORS > 1
-  SCALE(light, factor1, 1);
-#  endif
-#  if FACTORS > 2
-  SCALE(light, factor2, 2);
-#  endif
-#  if FACTORS > 3
-  SCALE(light, factor3, 3);
-#  endif
-  return light;
-}
+#  include "scaled.glsl"
 #endif
 
 void main()

@@ -56,6 +56,14 @@ OVER_BY_DEPTH = Shader(
 )
 
 
+WEIGHT = Shader(
+    "effects/shared/weight.glsl",
+    samplers=(("colour", "FLOAT_2D"),),
+    images=(("weight", "RGBA32F", "WRITE"),),
+    params=("size", "share", "grey", "luminance", "limits"),
+)
+
+
 def _irradiance_variant(kind: EmitterKind, single: bool, linked: bool) -> Shader:
     shader = IRRADIANCE.defining(kind.name, *["SINGLE"] * single, *["LINKED"] * linked)
     if linked:
@@ -87,6 +95,12 @@ def _join_variant(join: Join, grey: bool, part: bool = False) -> Shader:
     return replace(shader, samplers=(("layer", "FLOAT_2D"),))
 
 
+def _weight_variant(factors: int, is_grey: bool) -> Shader:
+    shader = WEIGHT.defining(f"FACTORS {factors}", *["LUMINANCE"] * is_grey)
+    images = (("weight", "R32F", "WRITE"),) if is_grey else shader.images
+    return replace(shader, samplers=(*shader.samplers, *_factor_samplers(factors)), images=images)
+
+
 def variants() -> Iterator[Shader]:
     """Every program that these steps may compile."""
     yield from (MATERIAL_COLOUR, TEXTURE_COLOUR, FIRST, FIRST_OF_PART, PRODUCT)
@@ -97,6 +111,7 @@ def variants() -> Iterator[Shader]:
                 yield _irradiance_variant(kind, single, linked)
     for factors in range(MOST_FACTORS + 1):
         yield _light_variant(factors)
+        yield from (_weight_variant(factors, is_grey) for is_grey in (False, True))
     for join in (Join.MULTIPLY, Join.ADD, Join.OVER):
         for grey in (False, True) if join != Join.OVER else (False,):
             yield _join_variant(join, grey)
@@ -190,6 +205,21 @@ def composite(device, albedo, *inputs, joins, is_rest=True):
             shader = _join_variant(Join(kind), image.channels == 1, is_veil)
             device.dispatch(shader, size, {"total": total}, {"layer": image}, nothing)
     return total
+
+
+def weight(device, colour, *factors, share, luminance, limits):
+    """An image (h, w), or (h, w, 3) without `luminance`, as the step of the same name."""
+    shape = colour.shape[:2]
+    size = shape[::-1]
+    factors, made = _folded(device, size, factors, {"size": size, "share": (), "grey": ()})
+    result = device.new_image(shape if luminance else (*shape, 3))
+    params = {"size": size, "share": share, "grey": _grey(factors)}
+    params |= {"luminance": luminance or (), "limits": limits}
+    samplers = {"colour": colour, **_factors(factors)}
+    program = _weight_variant(len(factors), luminance is not None)
+    device.dispatch(program, size, {"weight": result}, samplers, params)
+    device.release(made)
+    return result
 
 
 def _factors(images) -> dict:

@@ -7,15 +7,14 @@ darker one's V would count as much as the brighter one's.
 
 from __future__ import annotations
 
-from enum import Enum
-
 import numpy as np
 
 from ...core.graph import Node, PlannedLayer, Rate, Step
 from ...core.outline import Light, Outline
 from ...core.recorder import Recorder
 from ...core.roles import PRODUCT, Of
-from . import lit, steps
+from ...core.weight import Weight
+from . import gpu_lit, lit, steps
 
 MOST = 1e30
 FLOOR, FLOOR_OFF_SURFACES = 1e-30, 1e-36
@@ -30,19 +29,9 @@ LUMINANCE = {
 """Of the working space's primaries: ITU-R BT.709 and BT.2020, SMPTE ST 2065-1's AP1."""
 
 
-class Weight(Enum):
-    """What samples weigh."""
-
-    RADIANCE = "radiance"
-    """The light that the surface would send back: irradiance times diffuse albedo."""
-    IRRADIANCE = "irradiance"
-    """The light that would arrive there."""
-    NONE = "none"
-    """All the same."""
-
-
-def _weight(device, colour, *factors, share, luminance):
-    floor = np.where(colour[..., 3] > 0.0, np.float32(FLOOR), np.float32(FLOOR_OFF_SURFACES))
+def _weight(device, colour, *factors, share, luminance, limits):
+    most, *floors = np.float32(limits)
+    floor = np.where(colour[..., 3] > 0.0, *floors)
     with np.errstate(over="ignore", invalid="ignore"):
         if luminance is not None and all(factor.ndim == 2 for factor in factors):
             weight = colour @ np.float32((*np.multiply(share, luminance), 0.0))
@@ -54,14 +43,15 @@ def _weight(device, colour, *factors, share, luminance):
                 weight *= factor[..., None] if factor.ndim == 2 else factor[..., :3]
             weight = weight @ np.float32(luminance) if luminance is not None else weight
     # fmax takes the number where the other is none.
-    weight = np.fmin(np.fmax(weight, np.float32(0.0)), np.float32(MOST))
+    weight = np.fmin(np.fmax(weight, np.float32(0.0)), most)
     weight += floor if weight.ndim == 2 else floor[..., None]
     return weight
 
 
 # A colour (h, w, 4), which is there where its alpha is, times images (h, w[, 3 or 4]) and a constant colour:
-# its luminance, or as it is where there are no coefficients; 0 to MOST and the floor.
-WEIGHT = Step("weight", cpu=_weight, hole="not yet")
+# its luminance, or as it is where there are no coefficients. `limits`: the most that is, and what is added to
+# it on surfaces and off them.
+WEIGHT = Step("weight", cpu=_weight, gpu=gpu_lit.weight)
 
 
 def record(recorder: Recorder, outline: Outline, how: Weight) -> None:
@@ -69,11 +59,11 @@ def record(recorder: Recorder, outline: Outline, how: Weight) -> None:
     layers = [layer for layer in recorder.layers if _is_weighed(layer)]
     if how is Weight.NONE or not layers:
         return
+    if not recorder.shot.has_eye:
+        how = Weight.IRRADIANCE  # what a chart is used for has a colour of its own
     points = steps.surface(recorder, outline, "material")
-    has_albedo = how is Weight.RADIANCE and recorder.shot.has_eye
-    albedo = (
-        lit.diffuse_albedo(recorder, outline, points) if has_albedo else lit.white(recorder, outline, points)
-    )
+    colour = lit.diffuse_albedo if how is Weight.RADIANCE else lit.white
+    albedo = colour(recorder, outline, points)
     for index in sorted({layer.of.index for layer in layers if layer.of.is_lamp}):
         light = outline.lights[index]
         arriving = lit.irradiance(recorder, points, light)
@@ -81,7 +71,8 @@ def record(recorder: Recorder, outline: Outline, how: Weight) -> None:
         own = [layer for layer in recorder.layers if layer.of == Of.lamp(index)]
         for layer in (layer for role in PRODUCT for layer in own if layer.role is role):
             if layer in layers:
-                recorder.weigh(layer, _node(recorder, outline, layer, factors, _hue(light)))
+                weight = _node(recorder, outline, layer, factors, _hue(light))
+                recorder.weigh(layer, weight, how.value)
             if layer.joins and layer.node.rate != Rate.PICTURE:
                 factors.append(layer.node)
 
@@ -96,7 +87,8 @@ def _node(recorder, outline, layer: PlannedLayer, factors: list[Node], share) ->
     if len(layer.channels) == 3:
         luminance = None
     instance = layer.light or layer.name
-    return recorder.step(WEIGHT, *factors, instance=instance, share=share, luminance=luminance)
+    limits = (MOST, FLOOR, FLOOR_OFF_SURFACES)
+    return recorder.step(WEIGHT, *factors, instance=instance, share=share, luminance=luminance, limits=limits)
 
 
 def _hue(light: Light) -> tuple[float, float, float]:

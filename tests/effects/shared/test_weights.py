@@ -10,6 +10,7 @@ from strata.addon.core.errors import StrataError
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared.weights import FLOOR, FLOOR_OFF_SURFACES, LUMINANCE, MOST, WEIGHT
 from strata.addon.planning import Options
+from strata.tests.support.gpu_scenes import gpu_device
 from strata.tests.support.tiny_effects import GOBO, registry
 
 REC709 = LUMINANCE["Linear Rec.709"]
@@ -84,6 +85,8 @@ def test_a_shadow_times_the_unshadowed_picture_is_the_shadowed_one(backend, samp
     lit = found.lit[0][..., :3] @ luminance
     (shadow,) = layers_of(found).values()
     assert apart(shadow * lit, expected) < 2e-6
+    assert [layer.weight for how in (found, plain) for layer in how.layers.layers] == ["radiance", "none"]
+    assert not [warning for warning in found.report.warnings if "failed on gpu" in warning]
     (shadow,) = layers_of(plain).values()
     assert (apart(shadow * lit, expected) > 0.02) == (samples > 1)
     assert np.array_equal(found.composite, plain.composite)
@@ -135,14 +138,42 @@ def test_what_weighs_is_a_choice():
 
 def weigh(device, colour, *factors, share=(1.0, 0.5, 0.25), luminance=REC709):
     inputs = [device.from_host(each) for each in (colour, *factors)]
-    value = WEIGHT.twin(device.name)(device, *inputs, share=share, luminance=luminance)
+    limits = (MOST, FLOOR, FLOOR_OFF_SURFACES)
+    value = WEIGHT.twin(device.name)(device, *inputs, share=share, luminance=luminance, limits=limits)
     return device.to_host(value)
 
 
-def test_a_weight_has_a_floor_and_a_ceiling_and_is_a_number():
+def device_of(backend: str):
+    return CpuDevice() if backend == "cpu" else gpu_device()
+
+
+def test_a_weight_has_a_floor_and_a_ceiling_and_is_a_number(backend):
     colour = np.ones((1, 6, 4), np.float32)
     colour[0, 5] = 0.0
     factor = np.array([[0.0, np.nan, np.inf, -1.0, 2.0, 7.0]], np.float32)
-    found = weigh(CpuDevice(), colour, factor, share=(1.0, 1.0, 1.0))
-    assert np.allclose(found, [[FLOOR, FLOOR, MOST, FLOOR, 2.0, FLOOR_OFF_SURFACES]], rtol=1e-6)
-    assert np.isfinite(weigh(CpuDevice(), colour, factor, factor, luminance=None)).all()
+    expected = [[FLOOR, FLOOR, MOST, FLOOR, 2.0, FLOOR_OFF_SURFACES]]
+    device = device_of(backend)
+    assert np.allclose(weigh(device, colour, factor, share=(1.0, 1.0, 1.0)), expected, rtol=1e-6)
+    found = weigh(device, colour, factor, share=(1.0, 1.0, 1.0), luminance=None)
+    assert np.allclose(found, np.repeat(np.array(expected)[..., None], 3, axis=2), rtol=1e-6)
+
+
+@pytest.mark.parametrize("luminance", [REC709, None])
+@pytest.mark.parametrize("channels", [(), (1,), (1, 3, 1), (1, 1, 3, 4, 1, 1)])
+def test_weights_are_the_same_on_both_devices(luminance, channels):
+    rng = np.random.default_rng(4)
+    colour = rng.uniform(0.0, 1.0, (23, 31, 4)).astype(np.float32)
+    colour[0] = 0.0
+    shapes = [(23, 31) if count == 1 else (23, 31, count) for count in channels]
+    factors = [rng.uniform(0.0, 2.0, shape).astype(np.float32) for shape in shapes]
+    cpu, gpu = (
+        weigh(device, colour, *factors, luminance=luminance) for device in (CpuDevice(), gpu_device())
+    )
+    assert cpu.shape == gpu.shape == ((23, 31) if luminance else (23, 31, 3))
+    assert np.allclose(cpu, gpu, rtol=1e-6, atol=0.0)  # a few products and a sum of three, rounded apart
+    expected = colour[..., :3].astype(np.float64) * (1.0, 0.5, 0.25)
+    for factor in factors:
+        expected *= factor[..., None] if factor.ndim == 2 else factor[..., :3]
+    expected = expected @ np.array(luminance) if luminance else expected
+    assert np.allclose(cpu[1:], expected[1:], rtol=1e-6)
+    assert np.allclose(cpu[0], FLOOR_OFF_SURFACES, rtol=1e-6)
