@@ -72,7 +72,7 @@ class CpuSteps(Device, Protocol):
 
     kernels: Any
 
-    def laid_out(self, instances: frozenset[int]) -> Any:
+    def laid_out(self, geometry: Any, instances: frozenset[int]) -> Any:
         """The triangles of these instances where their UV maps put them, for `chart`."""
 
     def chart(

@@ -20,8 +20,8 @@ class Attribute:
     corners: str = ""
 
 
-# What a surface can carry. Directions face the viewer. Three find them, each by itself: the kernels
-# (kernels/src/raster/shade.rs), a shader (effects/shared/surface.glsl) and rays (devices/camera_rays.py).
+# What a surface can carry. Directions face the viewer. Three find them, each by itself: the rasteriser
+# (kernels/src/raster/shade.rs), a shader (effects/shared/surface.glsl) and rays (kernels/src/rays/look.rs).
 ATTRIBUTES = {
     "position": Attribute(np.float32, 3),  # metres, relative to the eye, world axes
     "geometric_normal": Attribute(np.float32, 3),

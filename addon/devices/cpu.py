@@ -100,17 +100,15 @@ class CpuDevice:
         mesh = self._triangles(arrays.meshes[self._outline.instances[instance].mesh])
         return mesh.distance(arrays.matrices[instance], list(place), most_m)
 
-    def laid_out(self, instances: frozenset[int]) -> LaidOut:
+    def laid_out(self, geometry: strata_kernels.Geometry, instances: frozenset[int]) -> LaidOut:
         """The triangles of these instances where their UV maps put them, for `chart`."""
-        return lay_out(self.geometry_of, triangulate, self._outline, self._arrays, instances)
+        return lay_out(geometry, self.geometry_of, triangulate, self._outline, self._arrays, instances)
 
     def chart(
         self, laid_out: LaidOut, origin: Vector, chunk: Chunk, attributes: frozenset[str]
     ) -> dict[str, np.ndarray]:
         """Their shading points at the chunk's texels, positions relative to `origin`."""
-        return chart_points(
-            self.kernels, self.cancel_flag, self._outline, self._arrays, laid_out, origin, chunk, attributes
-        )
+        return chart_points(self.kernels, self.cancel_flag, laid_out, origin, chunk, attributes)
 
     def vertex_values(self, name: str) -> list[tuple[int, np.ndarray]]:
         """Meshes whose vertices have values of that name, which the graph asked for: index and (V,)
@@ -152,7 +150,7 @@ class CpuDevice:
         mask = self.instance_mask(visible)
         if not attributes & {"depth", "position"}:
             attributes |= {"depth"}  # how far a ray sees
-        return CameraRays(triangulate, self._outline, shot, self._arrays, mask, attributes)
+        return CameraRays(shot, mask, attributes)
 
     def texture(self, image: int) -> np.ndarray | None:
         """Texels of `outline.images[image]`, None where they could not be read."""
@@ -208,7 +206,7 @@ class CpuRays:
         return self.accel.nearest(casters, origins, directions, t_max, cancel=self.cancel_flag)
 
     def look(self, pixels: np.ndarray, jitter: np.ndarray) -> ViewRays:
-        return self.camera.look(self.nearest, pixels, jitter)
+        return self.camera.look(self.kernels, self.accel, self.cancel_flag, pixels, jitter)
 
     def occluded(
         self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray

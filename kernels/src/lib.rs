@@ -13,6 +13,7 @@ mod geometry;
 mod raster;
 mod rays;
 mod simd;
+mod surface;
 mod vector;
 mod view;
 

@@ -9,9 +9,10 @@ import pytest
 from strata.addon.core.executor import Executor
 from strata.addon.core.shot import Camera, Raster, Shot
 from strata.addon.core.surface import ATTRIBUTES
-from strata.addon.core.view_rays import view_rays
+from strata.addon.core.view_rays import lines_of_sight, view_rays
 from strata.addon.devices.cpu import CpuDevice, CpuRays
 from strata.addon.effects.shared.steps import ray_accelerator
+from strata.tests.devices.facets import facets, weights_along, weights_at
 from strata.tests.measure.scenes import random_scene, shot_of
 
 NAMES = frozenset(ATTRIBUTES)
@@ -55,12 +56,114 @@ def all_pixels(width: int, height: int) -> np.ndarray:
     return np.stack([x, y], axis=-1).reshape(-1, 2)
 
 
+def turned_shot(orthographic: bool) -> Shot:
+    raster = shot_of(3).source
+    raster = replace(raster, camera=replace(raster.camera, orthographic=orthographic))
+    return replace(shot_of(3), source=raster)
+
+
+def assert_same(surface: dict[str, np.ndarray], judge: dict[str, np.ndarray]) -> None:
+    assert surface.keys() == judge.keys() == NAMES
+    for name, expected in judge.items():
+        assert surface[name].dtype == ATTRIBUTES[name].dtype
+        if ATTRIBUTES[name].dtype is np.int32:
+            assert (surface[name] == expected).all(), name
+        else:
+            assert np.allclose(surface[name], expected, rtol=1e-6, atol=1e-6), name
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_what_rays_see_is_what_lies_there(orthographic):
+    """The kernel, against the same triangles in numpy."""
+    outline, arrays = dressed(3)
+    shot = turned_shot(orthographic)
+    device, rays, visible = rays_of(outline, arrays, shot)
+    rays.camera = device.camera_rays(shot, visible - {0}, NAMES)  # without the ground
+    pixels = all_pixels(*shot.computed_size)
+    jitter = np.random.default_rng(1).uniform(-0.5, 0.5, pixels.shape)
+    view = shot.view
+    origins, directions = lines_of_sight(view, shot.computed_size, pixels, jitter)
+    starts = np.ascontiguousarray(origins + view.near * directions, np.float32)
+    room = np.full(len(pixels), view.far - view.near, np.float32)
+    mask = rays.camera.visible
+    towards = np.ascontiguousarray(directions, np.float32)
+    _, instance, triangle = rays.nearest(mask, starts, towards, room)
+    seen = rays.look(pixels, jitter).surface
+    for name, found in (("instance", instance), ("triangle", triangle)):
+        assert (seen[name] == found).all()
+    hit = instance >= 0
+    assert 100 < hit.sum() < len(hit)
+    origins, directions = origins[hit], directions[hit]
+    judge = facets(
+        outline,
+        arrays,
+        instance[hit],
+        triangle[hit],
+        np.array(view.eye),
+        lambda points, uvs, rows: weights_along(points, origins[rows], directions[rows]),
+        lambda winding, rows: -np.sign((winding * directions[rows]).sum(axis=1)),
+    )
+    judge["depth"] = judge["position"] @ np.array(view.forward)
+    assert_same({name: values[hit] for name, values in seen.items()}, judge)
+    for name, values in seen.items():
+        assert (values[~hit] == ATTRIBUTES[name].miss).all(), name
+
+
+def test_what_a_chart_shows_is_what_lies_there():
+    outline, arrays = dressed(1)
+    device = CpuDevice()
+    device.set_scene(outline, arrays)
+    rng = np.random.default_rng(2)
+    count, origin = 2000, np.array((0.5, -2.0, 1.0))
+    instance = rng.integers(0, len(outline.instances), count).astype(np.int32)
+    triangles = np.array([outline.meshes[each.mesh].triangles for each in outline.instances])[instance]
+    triangle = (rng.random(count) * triangles).astype(np.int32)
+    places = rng.random((count, 2))  # most beside their triangle
+    instance[::5] = -1
+    there = instance >= 0
+    surface = device.kernels.chart_surface(
+        device.geometry(), instance, triangle, places, origin, sorted(NAMES)
+    )
+    judge = facets(
+        outline,
+        arrays,
+        instance[there],
+        triangle[there],
+        origin,
+        lambda points, uvs, rows: weights_at(uvs, places[there][rows]),
+        lambda winding, rows: np.ones(len(rows)),
+    )
+    judge["depth"] = np.zeros(there.sum())
+    assert_same({name: values[there] for name, values in surface.items()}, judge)
+    for name, values in surface.items():
+        assert (values[~there] == ATTRIBUTES[name].miss).all(), name
+
+
+@pytest.mark.parametrize(
+    ("instance", "triangle"), [(0, -1), (0, 1 << 20), (1 << 20, 0)], ids=["before", "beyond", "nobody"]
+)
+def test_a_chart_of_what_is_not_there_is_refused(instance, triangle):
+    outline, arrays = dressed(1)
+    device = CpuDevice()
+    device.set_scene(outline, arrays)
+    where = np.array([instance], np.int32), np.array([triangle], np.int32), np.zeros((1, 2))
+    with pytest.raises(ValueError, match="not there"):
+        device.kernels.chart_surface(device.geometry(), *where, np.zeros(3), ["position"])
+
+
+def test_looking_stops_when_told():
+    shot = turned_shot(False)
+    device, rays, _ = rays_of(*dressed(3), shot)
+    rays.cancel_flag = device.cancel_flag
+    device.cancel_flag.set()
+    with pytest.raises(device.cancelled):
+        rays.look(all_pixels(8, 8), np.zeros((64, 2)))
+
+
 @pytest.mark.parametrize("orthographic", [False, True])
 def test_rays_see_what_the_rasteriser_sees(orthographic):
     outline, arrays = dressed(3)
-    raster = shot_of(3).source
-    raster = replace(raster, camera=replace(raster.camera, orthographic=orthographic))
-    shot = replace(shot_of(3), source=raster)
+    shot = turned_shot(orthographic)
     device, rays, visible = rays_of(outline, arrays, shot)
     width, height = shot.computed_size
     raster = device.kernels.raster_surface(

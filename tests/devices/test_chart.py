@@ -37,7 +37,7 @@ def chart_of(outline, arrays, names=tuple(ATTRIBUTES), jitter=(0.0, 0.0)):
     device.set_scene(outline, arrays)
     chart = Chart.of(outline, "Box 0", SIZE)
     chunk = Chunk(*SIZE, 0, SIZE[1], 0, jitter)
-    flat = device.laid_out(chart.instances)
+    flat = device.laid_out(device.geometry(), chart.instances)
     return device.chart(flat, chart.origin, chunk, frozenset(names)), chart
 
 
@@ -76,7 +76,7 @@ def test_tiles_of_a_chart_are_parts_of_it():
     device = CpuDevice()
     device.set_scene(outline, arrays)
     chart = Chart.of(outline, "Box 0", SIZE)
-    flat = device.laid_out(chart.instances)
+    flat = device.laid_out(device.geometry(), chart.instances)
     whole = device.chart(flat, chart.origin, Chunk(*SIZE, 0, SIZE[1], 0, (0.1, 0.2)), frozenset(ATTRIBUTES))
     part = device.chart(flat, chart.origin, Chunk(*SIZE, 7, 20, 0, (0.1, 0.2)), frozenset(ATTRIBUTES))
     for name in ATTRIBUTES:

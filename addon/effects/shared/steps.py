@@ -33,7 +33,7 @@ def _surface(device, geometry, view, visible, chunk, attributes):
 
 
 def _laid_out(device, geometry, instances):
-    return device.laid_out(instances)
+    return device.laid_out(geometry, instances)
 
 
 def _chart(device, laid_out, instances, origin, chunk, attributes):

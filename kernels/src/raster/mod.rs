@@ -19,6 +19,7 @@ mod wide;
 
 use crate::cancel::CancelFlag;
 use crate::geometry::{Data, Geometry};
+use crate::surface::Images;
 use crate::view::View;
 use bins::{Bins, bin_triangles, first_ids};
 use camera::Camera;
@@ -28,7 +29,6 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArra
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use shade::Images;
 use std::sync::Arc;
 
 /// Which instances to draw: (instance_count,) bool or uint8.
@@ -135,51 +135,14 @@ fn raster_surface<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let drawing = Drawing::new(geometry, visible, &view, [width, height], [columns, rows], jitter)?;
     let (h, w) = (drawing.grid.height, drawing.grid.width);
-    let count = h * w;
-    let mut images = Images::default();
-    for name in &attributes {
-        match name.as_str() {
-            "position" => images.position = Some(vec![[0.0; 3]; count]),
-            "geometric_normal" => images.geometric_normal = Some(vec![[0.0; 3]; count]),
-            "shading_normal" => images.shading_normal = Some(vec![[0.0; 3]; count]),
-            "depth" => images.depth = Some(vec![0.0; count]),
-            "uv" => images.uv = Some(vec![[0.0; 2]; count]),
-            "object_id" => images.object_id = Some(vec![0; count]),
-            "instance" => images.instance = Some(vec![0; count]),
-            "triangle" => images.triangle = Some(vec![0; count]),
-            "material" => images.material = Some(vec![0; count]),
-            other => {
-                return Err(PyValueError::new_err(format!(
-                    "a surface has no attribute '{other}'"
-                )));
-            }
-        }
-    }
+    let mut images = Images::wanted(&attributes, h * w)?;
     let cancel = CancelFlag::of(cancel);
     py.detach(|| {
         drawing.binned(&cancel, |bins, finder| {
             surface::surface(bins, finder, &mut images, &cancel)
         })
     })?;
-    let result = PyDict::new(py);
-    macro_rules! give {
-        ($field:ident, $flatten:expr, $shape:expr) => {
-            if let Some(image) = images.$field {
-                let array = PyArray1::from_vec(py, $flatten(image)).reshape($shape)?;
-                result.set_item(stringify!($field), array)?;
-            }
-        };
-    }
-    give!(position, Vec::into_flattened, [h, w, 3]);
-    give!(geometric_normal, Vec::into_flattened, [h, w, 3]);
-    give!(shading_normal, Vec::into_flattened, [h, w, 3]);
-    give!(uv, Vec::into_flattened, [h, w, 2]);
-    give!(depth, std::convert::identity, [h, w]);
-    give!(object_id, std::convert::identity, [h, w]);
-    give!(instance, std::convert::identity, [h, w]);
-    give!(triangle, std::convert::identity, [h, w]);
-    give!(material, std::convert::identity, [h, w]);
-    Ok(result)
+    images.into_dict(py, &[h, w])
 }
 
 /// Which objects lie before a surface already drawn: (h, w) i32 object ids of the nearest one nearer than `depth`

@@ -4,24 +4,8 @@ use super::camera::Camera;
 use super::grid::Grid;
 use super::hit::Hit;
 use super::wide::{Pixels, WIDE, wide_dot};
+use crate::surface::{Images, Row};
 use std::ops::Range;
-
-/// Arrays to fill, row-major over the wanted rows; None is not wanted and costs nothing.
-#[derive(Default)]
-pub struct Attributes<T3, T2, T1, I> {
-    pub position: Option<T3>,
-    pub geometric_normal: Option<T3>,
-    pub shading_normal: Option<T3>,
-    pub uv: Option<T2>,
-    pub depth: Option<T1>,
-    pub object_id: Option<I>,
-    pub instance: Option<I>,
-    pub triangle: Option<I>,
-    pub material: Option<I>,
-}
-
-pub type Images = Attributes<Vec<[f32; 3]>, Vec<[f32; 2]>, Vec<f32>, Vec<i32>>;
-pub type Row<'a> = Attributes<&'a mut [[f32; 3]], &'a mut [[f32; 2]], &'a mut [f32], &'a mut [i32]>;
 
 /// One tile's part of every row.
 pub fn split<'a>(images: &'a mut Images, grid: Grid) -> Vec<Vec<Row<'a>>> {
@@ -51,22 +35,6 @@ pub fn split<'a>(images: &'a mut Images, grid: Grid) -> Vec<Vec<Row<'a>>> {
         material
     );
     tiles
-}
-
-/// Writes that nothing is seen in some columns of a tile's row. Images start zeroed: only what differs is written.
-pub fn clear(row: &mut Row, columns: Range<usize>) {
-    if let Some(depth) = &mut row.depth {
-        depth[columns.clone()].fill(f32::INFINITY);
-    }
-    let ids = [
-        &mut row.object_id,
-        &mut row.instance,
-        &mut row.triangle,
-        &mut row.material,
-    ];
-    for ids in ids.into_iter().flatten() {
-        ids[columns.clone()].fill(-1);
-    }
 }
 
 /// Writes what a triangle shows in some columns of a row's part of a tile; `origin` is the pixel of its first one.

@@ -3,10 +3,11 @@
 use super::bins::Bins;
 use super::block::{BLOCK_PIXELS, BLOCK_WIDTH, BLOCKS, Block, quarter};
 use super::hit::{Finder, Hit};
-use super::shade::{Images, Row, clear, shade, split};
+use super::shade::{shade, split};
 use super::tile::{Sink, draw_tile};
 use crate::cancel::CancelFlag;
 use crate::simd::{Eight, Simd, Work, dispatch};
+use crate::surface::{Images, Row};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
@@ -131,7 +132,7 @@ impl Work for ShadeTile<'_, '_> {
                     x += 1;
                 }
                 if here == NOTHING {
-                    clear(row, start..x);
+                    row.clear(start..x);
                     continue;
                 }
                 let place = &mut found[here as usize % FOUND];

@@ -1,7 +1,7 @@
 //! What entries take from Python, checked, and how they share work out.
 
 use crate::cancel::CancelFlag;
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{Element, PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
@@ -11,11 +11,11 @@ pub const CHUNK: usize = 512;
 pub type Floats<'py> = Bound<'py, PyArray1<f32>>;
 pub type Flag<'py> = Option<PyRef<'py, CancelFlag>>;
 
-pub fn triples<'a>(
-    array: &'a PyReadonlyArray2<'_, f32>,
+pub fn triples<'a, T: Element>(
+    array: &'a PyReadonlyArray2<'_, T>,
     rows: usize,
     what: &str,
-) -> PyResult<&'a [[f32; 3]]> {
+) -> PyResult<&'a [[T; 3]]> {
     let slice = array.as_slice()?;
     if slice.len() != 3 * rows || array.as_array().ncols() != 3 {
         return Err(PyValueError::new_err(format!(

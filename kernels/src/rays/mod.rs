@@ -9,6 +9,7 @@ mod accel;
 mod arguments;
 mod bvh;
 mod leaves;
+mod look;
 mod packet;
 mod pattern;
 mod scene;
@@ -209,5 +210,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Accel>()?;
     module.add_function(wrap_pyfunction!(ray_visibility, module)?)?;
     module.add_function(wrap_pyfunction!(ray_screen, module)?)?;
-    module.add_function(wrap_pyfunction!(towards::rays_towards, module)?)
+    module.add_function(wrap_pyfunction!(towards::rays_towards, module)?)?;
+    module.add_function(wrap_pyfunction!(look::rays_surface, module)?)?;
+    module.add_function(wrap_pyfunction!(look::chart_surface, module)?)
 }
