@@ -67,8 +67,8 @@ WEIGHT = Shader(
 def _irradiance_variant(kind: EmitterKind, single: bool, linked: bool) -> Shader:
     shader = IRRADIANCE.defining(kind.name, *["SINGLE"] * single, *["LINKED"] * linked)
     if linked:
-        more = (("instance", "UINT_2D"), ("receives", "FLOAT_2D"))
-        shader = replace(shader, samplers=(*shader.samplers, *more))
+        linking = (("instance", "UINT_2D"), ("receives", "FLOAT_2D"))
+        shader = replace(shader, samplers=(*shader.samplers, *linking))
     return shader
 
 
@@ -190,11 +190,11 @@ def composite(device, albedo, *inputs, joins, is_rest=True):
     queue = iter(inputs)
     for join in joins:
         kind, *details = join
-        image, *more = (next(queue) for _ in range(image_count(join)))
+        image, *later = (next(queue) for _ in range(image_count(join)))
         if kind == Join.OVER_BY_DEPTH.value:
-            _lay_over_by_depth(device, total, [image, *more], is_rest)
+            _lay_over_by_depth(device, total, [image, *later], is_rest)
         elif kind == Join.LIGHT.value:
-            factors, made = _folded(device, size, more, nothing)
+            factors, made = _folded(device, size, later, nothing)
             share = tuple(channel / np.pi for channel in details[0])
             params = nothing | {"share": share, "grey": _grey(factors)}
             samplers = {"albedo": albedo, "irradiance": image, **_factors(factors)}

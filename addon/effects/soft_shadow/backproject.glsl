@@ -3,7 +3,7 @@
 // Dispatched once a map, for the points that chose it; with NESTED, one of a nest of windows, for those that chose any
 // of the nest, since they read all of it, and what is hidden goes from one to the next; with UNMAPPED once for each axis
 // that a light without a map is seen along, for the points that chose none. AREA takes the thesis's sum instead of the bitmask. With a spacing, once for the points of
-// a grid, and with BETWEEN once more for those that its points do not tell.
+// a grid, and with INTERPOLATES once more for those that its points do not tell.
 #include "light.glsl"
 #include "map.glsl"
 #ifdef UNMAPPED
@@ -13,8 +13,8 @@
 #else
 #  include "bands.glsl"
 #endif
-#ifdef BETWEEN
-#  include "between.glsl"
+#ifdef INTERPOLATES
+#  include "interpolate.glsl"
 #endif
 
 #ifdef AREA
@@ -67,9 +67,9 @@ void evaluate(Seen seen, ivec2 pixel, uint doubt)
     answer(pixel, 1.0, doubt >= 2u ? 2u : 1u);
     return;
   }
-#  ifdef BETWEEN
+#  ifdef INTERPOLATES
   float share;
-  if (readable && is_between(pixel, share)) {
+  if (readable && is_interpolated(pixel, share)) {
     answer(pixel, share, 0u);
     return;
   }
@@ -118,7 +118,7 @@ void main()
   if (any(greaterThanEqual(pixel, ivec2(params.size)))) {
     return;
   }
-#ifdef BETWEEN
+#ifdef INTERPOLATES
   if (all(equal(pixel % int(params.spacing), ivec2(0)))) {
     return; // of the grid
   }

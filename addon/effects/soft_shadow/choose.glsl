@@ -2,7 +2,7 @@
 // share one eye and direction the widest first, which decides whether the nest is chosen, then the next smaller ones.
 //
 // `choice` holds 4 * (map + 1) + doubt, 0 for none. Of faces of a cube a point takes its own. Doubts only where rays will answer
-// instead: UNSURE with DOUBT or, at hard edges, EDGES, CLOSE with BESIDE.
+// instead: UNSURE with DOUBT or, at hard edges, EDGES, CLOSE with CLOSE_CASTERS.
 #include "region.glsl"
 #if defined(DOUBT) || defined(EDGES)
 #  include "doubt.glsl"
@@ -27,11 +27,11 @@ uint doubt_of(Seen seen)
   if (holds(params.inner, seen.window)) {
     return 0u;
   }
-#ifdef BESIDE
-  ivec2 cells = textureSize(beside, 0);
+#ifdef CLOSE_CASTERS
+  ivec2 cells = textureSize(close_casters, 0);
   vec2 place = (seen.window - params.window_low) / (params.window_high - params.window_low);
   ivec2 cell = clamp(ivec2(place * vec2(cells)), ivec2(0), cells - 1);
-  if (texelFetch(beside, cell, 0).r != 0u) {
+  if (texelFetch(close_casters, cell, 0).r != 0u) {
     return CLOSE;
   }
 #endif
@@ -46,7 +46,7 @@ uint doubt_of(Seen seen)
 // Whether all that can hide the light lies within the slopes that the nest's widest map looks at; a table says it better.
 bool knows_all(Seen seen)
 {
-#if defined(ROUND) && defined(DOUBT) && !defined(BESIDE)
+#if defined(ROUND) && defined(DOUBT) && !defined(CLOSE_CASTERS)
   Search search;
   return !start_search(seen, search) || is_within_slope(seen, search, WIDEST);
 #else

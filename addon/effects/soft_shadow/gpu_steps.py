@@ -93,19 +93,25 @@ def _light_defines(emitter: Emitter, orthographic: bool) -> tuple[str, ...]:
 
 
 def _choose_variant(
-    defines: tuple[str, ...], method: str, beside: bool = False, edges: bool = False
+    defines: tuple[str, ...], method: str, has_table: bool = False, edges: bool = False
 ) -> Shader:
-    """`beside`: there is a table of what lies beside the window; `edges`: hard edges are left to rays."""
+    """`has_table`: of what close casters may hide; `edges`: hard edges are left to rays."""
     is_hybrid = method == Method.HYBRID.value
-    defines = (*defines, *["DOUBT"] * is_hybrid, *["EDGES"] * (edges and not is_hybrid), *["BESIDE"] * beside)
+    defines = (
+        *defines,
+        *["DOUBT"] * is_hybrid,
+        *["EDGES"] * (edges and not is_hybrid),
+        *["CLOSE_CASTERS"] * has_table,
+    )
     shader = CHOOSE.defining(*defines)
-    return replace(shader, samplers=(*shader.samplers, ("beside", "UINT_2D"))) if beside else shader
+    return replace(shader, samplers=(*shader.samplers, ("close_casters", "UINT_2D"))) if has_table else shader
 
 
-def _backproject_variant(defines: tuple[str, ...], method: str, between: bool = False) -> Shader:
-    """`method`: a Method's value, or "unmapped"; `between`: points that a grid of others may tell."""
-    shader = BACKPROJECT.defining(*defines, *["BETWEEN"] * between)
-    if between:
+def _backproject_variant(defines: tuple[str, ...], method: str, interpolates: bool = False) -> Shader:
+    """`method`: a Method's value, or "unmapped"; `interpolates`: for points that a grid of others may
+    tell."""
+    shader = BACKPROJECT.defining(*defines, *["INTERPOLATES"] * interpolates)
+    if interpolates:
         images = (("visibility", "R32F", "READ_WRITE"), ("uncertain", "R32UI", "READ_WRITE"))
         shader = replace(shader, images=images)
     of_map = (("texels", "UINT_2D"), ("pyramid", "FLOAT_2D"))
@@ -141,10 +147,10 @@ def variants() -> Iterator[Shader]:
             for sharing in ((), ("NESTED",)):
                 for method in (Method.AREA.value, Method.BITMASK.value):
                     yield _backproject_variant((*defines, *sharing), method)
-                yield _backproject_variant((*defines, *sharing), Method.BITMASK.value, between=True)
+                yield _backproject_variant((*defines, *sharing), Method.BITMASK.value, interpolates=True)
             if is_spot:
                 for method in (Method.BITMASK.value, Method.HYBRID.value):
-                    yield _choose_variant(defines, method, beside=True)
+                    yield _choose_variant(defines, method, has_table=True)
             yield _backproject_variant(defines, "unmapped")
 
 
@@ -174,8 +180,8 @@ def prepare(device, depth, view: View, gradient_scale: float, gradient_cap_m: fl
         nodes=nodes,
     )
     shader, images = _map_variant(PREPARE, view.orthographic), {"texels": texels, "pyramid": pyramid}
-    told = PrepareParams(**vars(params), depth_columns=depth.columns)
-    device.dispatch(shader, (pairs, height), images, {"depths": depth}, told)
+    prepare_params = PrepareParams(**vars(params), depth_columns=depth.columns)
+    device.dispatch(shader, (pairs, height), images, {"depths": depth}, prepare_params)
     if levels > 1:
         size = pairs + levels, height // 2 * layers
         device.dispatch(COARSER, size, {"texels": texels}, {}, params)
@@ -234,13 +240,13 @@ def backproject(
         for index in range(*nest):
             defines, bound, params = _of_map(prepared_maps, index, nest, emitter, eye)
             start, end = nest
-            told = {"index": index, "nest_first": start, "nest_end": end, "is_alone": nests == [nest]}
-            runs.append((defines, samplers | bound, replace(params, **settings, **told)))
+            of_nest = {"index": index, "nest_first": start, "nest_end": end, "is_alone": nests == [nest]}
+            runs.append((defines, samplers | bound, replace(params, **settings, **of_nest)))
     for start, end in nests:
         for index in reversed(range(start, end)):
             defines, bound, params = runs[index]
             shader = _choose_variant(defines, method, bool(tables), leave_edges)
-            bound = bound | ({"beside": tables[index]} if tables else {})
+            bound = bound | ({"close_casters": tables[index]} if tables else {})
             device.dispatch(shader, size, {"choice": choice}, bound, params)
     if not is_area:  # without a map the thesis's sum is 1
         for view in _default_views(emitter):
@@ -249,14 +255,14 @@ def backproject(
             device.dispatch(shader, size, outputs, samplers, params)
     # All points; or those of a grid, and then what lies between.
     strides = ((1, False),) if spacing == 1 or is_area else ((spacing, False), (1, True))
-    for stride, between in strides:
+    for stride, interpolates in strides:
         points = tuple(-(-side // stride) for side in size)
         for defines, bound, params in runs:
             nested = params.nest_end - params.nest_first > 1
-            shader = _backproject_variant((*defines, *["NESTED"] * nested), method, between)
+            shader = _backproject_variant((*defines, *["NESTED"] * nested), method, interpolates)
             images = written | hidden_bits if nested else written
-            told = replace(params, stride=stride, spacing=spacing)
-            device.dispatch(shader, points, images, bound, told)
+            strided = replace(params, stride=stride, spacing=spacing)
+            device.dispatch(shader, points, images, bound, strided)
     for image in hidden_bits.values():
         device.release(image)
     device.release(choice)
@@ -277,8 +283,8 @@ def _of_map(prepared_maps, index: int, nest: tuple[int, int], emitter: Emitter, 
     view = prepared["view"]
     defines = _light_defines(emitter, view.orthographic)
     inner = _seen_from(view, prepared_maps[index - 1]["view"]) if index > nest[0] else NOWHERE
-    told = _light_params(emitter, view, eye) | _window_params(view, prepared["params"].map_size)
-    params = LightParams(**vars(prepared["params"]), **told, inner=inner)
+    of_light = _light_params(emitter, view, eye) | _window_params(view, prepared["params"].map_size)
+    params = LightParams(**vars(prepared["params"]), **of_light, inner=inner)
     return defines, {name: prepared[name] for name in ("texels", "pyramid", "blocks")}, params
 
 

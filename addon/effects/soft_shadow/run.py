@@ -22,7 +22,7 @@ from ...core.random import hash_bits
 from ...core.recorder import Recorder
 from ...core.roles import Of
 from ..shared import steps as shared
-from . import beside, steps
+from . import close_casters, steps
 from .params import Method, SoftShadowParams
 from .views import AROUND, ROUND_KINDS, distances_of_boxes, light_views, reaching_out_of, share_axes, too_far
 
@@ -143,7 +143,7 @@ def _record_light(recorder, outline, params, index, casters, receivers) -> Node:
             if light.emitter.kind in ROUND_KINDS:
                 # Beside the window only what is close to the light counts: large, and as blurred as it.
                 resolution = max(resolution // 2, SMALLEST_RESOLUTION)
-                drawn &= _beside(outline, inner, light, casters, away, receivers)
+                drawn &= _reaching_out(outline, inner, light, casters, away, receivers)
         instance = f"{light.name} {name}".strip()
         maps.append(_map(recorder, outline, params, view, drawn, resolution, instance))
         inner = view
@@ -152,7 +152,7 @@ def _record_light(recorder, outline, params, index, casters, receivers) -> Node:
     tables = _tables(recorder, outline, light, close, views)
     spacing = 1 if params.method == Method.AREA else params.spacing
     shadow = recorder.step(
-        steps.BACKPROJECT if spacing == 1 else steps.BETWEEN,
+        steps.BACKPROJECT if spacing == 1 else steps.SPACED_BACKPROJECT,
         surface,
         *maps,
         *tables,
@@ -207,7 +207,7 @@ def _distances(outline: Outline, emitter: Emitter, casters: frozenset[int]) -> n
     return outline.instances.memo((*key, outline.distance_m is None), find)
 
 
-def _beside(outline, inner, light: Light, casters, away, receivers) -> frozenset[int]:
+def _reaching_out(outline, inner, light: Light, casters, away, receivers) -> frozenset[int]:
     """Casters that count beside the window of the map `inner`."""
 
     def find() -> frozenset[int]:
@@ -215,7 +215,7 @@ def _beside(outline, inner, light: Light, casters, away, receivers) -> frozenset
         out = reaching_out_of(inner, light.emitter, boxes, away, receivers)
         return frozenset(np.array(sorted(casters))[out].tolist())
 
-    key = ("beside", inner, light.emitter, casters, away.tobytes(), receivers.tobytes())
+    key = ("reaching out", inner, light.emitter, casters, away.tobytes(), receivers.tobytes())
     return outline.instances.memo(key, find)
 
 
@@ -236,11 +236,11 @@ def _map(recorder: Recorder, outline: Outline, params, view, casters, resolution
 
 def _close_casters(params, emitter: Emitter, casters: frozenset[int], away: np.ndarray) -> frozenset[int]:
     """Those that may hide a part of the light where its maps do not look, if rays are to look there."""
-    has_rim = emitter.kind in ROUND_KINDS and emitter.half_width >= beside.SMALLEST_RADIUS_M
+    has_rim = emitter.kind in ROUND_KINDS and emitter.half_width >= close_casters.SMALLEST_RADIUS_M
     if not has_rim or params.method == Method.AREA or not params.rays:
         return frozenset()
     ordered = np.array(sorted(casters), int)
-    return frozenset(ordered[away <= beside.reach_m(emitter)].tolist())
+    return frozenset(ordered[away <= close_casters.reach_m(emitter)].tolist())
 
 
 def _leaves_edges(params, emitter: Emitter) -> bool:
@@ -259,14 +259,14 @@ def _tables(recorder, outline, light: Light, close: frozenset[int], views) -> li
     if not close:
         return []
     emitter = light.emitter
-    size = beside.LOOK_RESOLUTION, beside.LOOK_RESOLUTION
-    looks = [
+    size = close_casters.RESOLUTION, close_casters.RESOLUTION
+    depths = [
         shared.layered_depth(recorder, outline, view, close, 1, size, f"{light.name} close {name}")
-        for name, view in beside.looks_around(emitter)
+        for name, view in close_casters.surrounding_views(emitter)
     ]
     return [
         recorder.step(
-            steps.BESIDE, *looks, instance=f"{light.name} {name}".strip(), emitter=emitter, view=view
+            steps.CLOSE_CASTERS, *depths, instance=f"{light.name} {name}".strip(), emitter=emitter, view=view
         )
         for name, view in views
     ]

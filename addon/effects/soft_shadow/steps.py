@@ -9,7 +9,7 @@ from ...core.outline import Outline
 from ...core.random import hash_bits
 from ...core.surface import Chunk
 from ..shared.membership import belong
-from . import beside, gpu_steps
+from . import close_casters, gpu_steps
 from .params import Method
 
 POINTS = ("position", "geometric_normal", "shading_normal")
@@ -58,30 +58,30 @@ def _backproject(
         # Rays will replace what the map is unsure of.
         leave_uncertain=method == Method.HYBRID.value,
         leave_edges=leave_edges,
-        beside=list(maps_and_tables[maps:]),
+        close_casters=list(maps_and_tables[maps:]),
         spacing=spacing,
         cancel=device.cancel_flag,
     )
     return {"visibility": visibility, "uncertain": uncertain}
 
 
-def _between(backproject):
+def _spaced(backproject):
     """A twin that evaluates points of the image's grid, and others where those do not tell."""
 
-    def twin(device, surface, *maps_and_tables, spacing: int, chunk: Chunk, **more):
+    def twin(device, surface, *maps_and_tables, spacing: int, chunk: Chunk, **settings):
         # Whole cells of the grid, which begins at the image's first pixel.
         inside = chunk.y0 % spacing, chunk.x0 % spacing
         first = tuple(spacing - 1 - each for each in inside)
         shape = tuple(side - start for side, start in zip(chunk.grown(spacing - 1).shape, first, strict=True))
         points = device.cropped({name: surface[name] for name in POINTS}, first, shape)
-        shadow = backproject(device, points, *maps_and_tables, spacing=spacing, **more)
+        shadow = backproject(device, points, *maps_and_tables, spacing=spacing, **settings)
         return device.cropped(shadow, inside, chunk.shape)
 
     return twin
 
 
-def _beside(device, *looks, emitter, view):
-    return beside.table(device, looks, emitter, view)
+def _close_casters(device, *depths, emitter, view):
+    return close_casters.table(device, depths, emitter, view)
 
 
 def _rays(device, surface, shadow, accelerator, eye, emitter, casters, method, rays, seed, chunk):
@@ -94,7 +94,7 @@ def _rays(device, surface, shadow, accelerator, eye, emitter, casters, method, r
             continue
         points = [np.ascontiguousarray(surface[name].reshape(-1, 3)[chosen]) for name in POINTS]
         # Pixels and samples are told apart, whatever the tiles and the device.
-        own = int(hash_bits(seed, chunk.sample))
+        sample_seed = int(hash_bits(seed, chunk.sample))
         numbers = chunk.numbers(chosen)
         traced, _ = device.kernels.ray_visibility(
             accelerator,
@@ -103,7 +103,7 @@ def _rays(device, surface, shadow, accelerator, eye, emitter, casters, method, r
             np.array(eye),
             *points,
             count,
-            own,
+            sample_seed,
             numbers,
             cancel=device.cancel_flag,
         )
@@ -140,16 +140,16 @@ BACKPROJECT = Step(
     "soft_shadow/backproject", cpu=_backproject, gpu=gpu_steps.backproject, ordinary_seconds=550e-9
 )
 # The same step where a grid of points is evaluated first: its cells reach into the next tile.
-BETWEEN = Step(
+SPACED_BACKPROJECT = Step(
     "soft_shadow/backproject",
-    cpu=_between(_backproject),
-    gpu=_between(gpu_steps.backproject),
+    cpu=_spaced(_backproject),
+    gpu=_spaced(gpu_steps.backproject),
     rate=Rate.SAMPLE,
     reach=lambda node: node.params["spacing"] - 1,
     ordinary_seconds=280e-9,
 )
 # Where in a map's window to doubt it for what stands beside the window, close to the light.
-BESIDE = Step("soft_shadow/beside", cpu=_beside, hole="a table of a thousand entries")
+CLOSE_CASTERS = Step("soft_shadow/close_casters", cpu=_close_casters, hole="a table of a thousand entries")
 # Rays for the points that the map is unsure of.
 RAYS = Step(
     "soft_shadow/rays",

@@ -17,7 +17,7 @@ WIDEST_SINGLE_TANGENT = 2.5
 
 WIDEST_TANGENT = 15.0
 """Slopes beyond this (86 degrees) are cut off: light so grazing carries next to no irradiance, and what hides
-a round light from there is closer to it than its own radius, or nearly (choose.rs, beside.py)."""
+a round light from there is closer to it than its own radius, or nearly (choose.rs, close_casters.py)."""
 
 FACE_TANGENT = 1.02
 """Slope up to which points belong to a cube face: 45 degrees and what rounding may make of it (choose.rs)."""
@@ -64,11 +64,10 @@ def light_views(
     `caster_bounds` (C, 2, 3) and `receiver_bounds` (R, 2, 3) float64: low and high corners of boxes in world
     space, metres. Nothing outside the windows' union casts a shadow onto a receiver. Names are empty, "wide"
     followed by a number, with a face such as "+X" before it. `away_m` (C,): how far each caster is at least
-    from a spot or a point, by its box if None. `hold_receivers`: the widest windows of a spot
-    or a point hold all receivers, to look up where each is even if nothing casts (beside.py). `eye` (3,):
-    where the camera is, if the receivers are boxes of about as many of its pixels each: a sun's maps then get
-    finer windows around the nearest.
-    """
+    from a spot or a point, by its box if None. `hold_receivers`: the widest windows of a spot or a point hold
+    all receivers, to look up where each is even if nothing casts (close_casters.py). `eye` (3,): where the
+    camera is, if the receivers are boxes of about as many of its pixels each: a sun's maps then get finer
+    windows around the nearest."""
     casters = np.asarray(caster_bounds, np.float64).reshape(-1, 2, 3)
     receivers = np.asarray(receiver_bounds, np.float64).reshape(-1, 2, 3)
     away = distances_of_boxes(emitter, casters) if away_m is None else away_m

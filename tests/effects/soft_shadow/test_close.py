@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from strata.addon.core.graph import Graph
-from strata.addon.effects.soft_shadow import beside
+from strata.addon.effects.soft_shadow.close_casters import reach_m
 from strata.scripts.bench import against_cycles, close_casters
 
 SIZE = (60, 45)
@@ -97,13 +97,13 @@ def test_a_room_around_a_lamp_is_not_close_to_it():
     """As one mesh its box is, and a lamp in it would pay for tables, wide windows and rays."""
     radius_m = 0.1
     (light,) = lamp_in(close_casters.cylinder(radius_m), radius_m).outline.lights
-    shade = [(1.01 * beside.reach_m(light.emitter), z) for z in (0.5, -0.5)]
+    shade = [(1.01 * reach_m(light.emitter), z) for z in (0.5, -0.5)]
     for method in ("bitmask", "hybrid"):
         # A shade that is just out of reach, though its box is around the lamp.
         far, _ = steps_of(lamp_in(close_casters.tube(shade, 480), radius_m), method=method)
         near, _ = steps_of(lamp_in(close_casters.cylinder(radius_m), radius_m), method=method)
-        assert "soft_shadow/beside" not in far
-        assert near["soft_shadow/beside"] > 0
+        assert "soft_shadow/close_casters" not in far
+        assert near["soft_shadow/close_casters"] > 0
         assert near["soft_shadow/rays"] == 1
         assert far["soft_shadow/rays"] == (method == "hybrid")
 
@@ -112,14 +112,14 @@ def test_nothing_is_traced_where_no_rays_are_wanted():
     case = lamp_in(close_casters.cylinder(0.1), 0.1)
     for values in ({"rays": 0}, {"rays": 0, "method": "hybrid"}, {"method": "area"}):
         steps, _ = steps_of(case, **values)
-        assert not {"soft_shadow/beside", "soft_shadow/rays", "ray_accelerator"} & steps.keys()
+        assert not {"soft_shadow/close_casters", "soft_shadow/rays", "ray_accelerator"} & steps.keys()
 
 
 def test_before_the_arrays_are_read_a_box_around_a_lamp_tells_nothing():
     """Plans are made from the outline alone at first, and ask for no more of what they may need."""
     case = lamp_in(close_casters.cylinder(0.1), 0.1)
     assert case.outline.distance_m is None
-    assert not any(node.step.name == "soft_shadow/beside" for node in case.graph.nodes())
+    assert not any(node.step.name == "soft_shadow/close_casters" for node in case.graph.nodes())
     _, graph = steps_of(case)
     assert graph.instances <= case.graph.instances
 

@@ -100,7 +100,7 @@ def shadows(
         method=twin,
         leave_uncertain=method == "hybrid",
         leave_edges=leave_edges,
-        beside=list(tables),
+        close_casters=list(tables),
         spacing=spacing,
     )
     on_gpu = [PREPARE.gpu(gpu, gpu.from_host(depths), view, *bias) for view, depths in maps]
@@ -158,7 +158,7 @@ def test_hard_edges_of_a_sun_are_left_to_rays_alike(courtyard, windows):
 @pytest.mark.parametrize("spacing", [2, 3])
 @pytest.mark.parametrize("method", ["bitmask", "hybrid"])
 @pytest.mark.parametrize("light", LIGHTS)
-def test_points_between_evaluated_ones_agree(courtyard, light, method, spacing):
+def test_interpolated_points_agree(courtyard, light, method, spacing):
     maps = list(courtyard.depths(LIGHTS[light]))
     assert_alike(*shadows(courtyard, LIGHTS[light], method, maps, spacing=spacing), told=spacing**2)
 
@@ -184,7 +184,7 @@ def nested(courtyard, emitter):
 
 @pytest.mark.parametrize("method", ["bitmask", "hybrid"])
 @pytest.mark.parametrize("light", ["spot", "sphere"])
-def test_tables_of_what_stands_beside_agree(courtyard, light, method):
+def test_tables_of_close_casters_agree(courtyard, light, method):
     maps = list(courtyard.depths(LIGHTS[light]))
     rng = np.random.default_rng(5)
     tables = [rng.integers(0, 2, (6, 9)).astype(np.uint8) for _ in maps]

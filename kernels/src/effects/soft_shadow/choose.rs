@@ -11,12 +11,12 @@ use std::ops::Range;
 /// For each place in a map's window, rows from the bottom, whether casters so close to the light that no map knows them
 /// may hide a part of it from there.
 #[derive(Clone, Copy)]
-pub struct Beside<'a> {
+pub struct CloseCasters<'a> {
     pub columns: usize,
     pub cells: &'a [u8],
 }
 
-impl Beside<'_> {
+impl CloseCasters<'_> {
     fn holds(&self, window: &Window<f64>, seen: &Seen) -> bool {
         let rows = self.cells.len() / self.columns;
         // Saturates, and a NaN is the first.
@@ -41,7 +41,7 @@ pub struct Served<'a> {
     pub map: &'a PreparedMap,
     /// The next smaller window of nested ones, in this map's coordinates: texels within are that map's matter.
     pub inner: Window<f64>,
-    beside: Option<Beside<'a>>,
+    close_casters: Option<CloseCasters<'a>>,
     /// It and the nested windows that share its eye and direction: a point that chose one reads them all.
     nest: Range<usize>,
 }
@@ -64,16 +64,17 @@ pub struct Chosen<'a> {
 
 impl Chosen<'_> {
     /// Whether what is close to the light is known to hide a part of it where none of the maps that are read looks.
-    pub fn is_beside(&self, maps: &Maps) -> bool {
+    pub fn has_close_casters(&self, maps: &Maps) -> bool {
         let Some(map) = self.map else { return false };
         let served = &maps.list[map];
-        let beside = |beside: Beside| beside.holds(&served.map.view.window, &self.seen);
-        served.beside.is_some_and(beside)
+        let close_casters =
+            |close_casters: CloseCasters| close_casters.holds(&served.map.view.window, &self.seen);
+        served.close_casters.is_some_and(close_casters)
     }
 
     /// Whether what can hide the light may lie beyond the slopes that the maps look at, where no table says so better.
     pub fn is_cut_off(&self, maps: &Maps) -> bool {
-        let unknown = |map: &usize| maps.list[*map].beside.is_none();
+        let unknown = |map: &usize| maps.list[*map].close_casters.is_none();
         let nest = |map: usize| &maps.list[map].nest;
         let map = self.map.filter(unknown);
         map.is_some_and(|map| !maps.know_all(nest(map), &self.seen))
@@ -81,12 +82,12 @@ impl Chosen<'_> {
 }
 
 impl<'a> Maps<'a> {
-    /// `maps`: nests of windows, the smallest first in each; `beside`: one for each map, or none; `eye`: what points are
+    /// `maps`: nests of windows, the smallest first in each; `close_casters`: one for each map, or none; `eye`: what points are
     /// relative to.
     pub fn new(
         emitter: &Emitter,
         maps: &[&'a PreparedMap],
-        beside: &[Beside<'a>],
+        close_casters: &[CloseCasters<'a>],
         eye: [f64; 3],
         refinements: usize,
     ) -> Self {
@@ -105,7 +106,7 @@ impl<'a> Maps<'a> {
             } else {
                 NOWHERE
             },
-            beside: beside.get(number).copied(),
+            close_casters: close_casters.get(number).copied(),
             nest,
         };
         let in_nests = starts.flat_map(|nest| nest.clone().map(move |number| (number, nest.clone())));

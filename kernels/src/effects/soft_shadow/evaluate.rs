@@ -1,8 +1,8 @@
 //! One light over many shading points: what is decided early, what is uncertain.
 
-use super::between::{Grid, thinned};
 use super::choose::{Chosen, Maps};
 use super::doubt::Around;
+use super::interpolate::{Grid, thinned};
 use super::light::{Bits, Light, Seen};
 use super::open::Open;
 use super::points::Points;
@@ -38,10 +38,10 @@ pub struct Settings {
 const TILE: usize = 8;
 const _: () = assert!(TILE * TILE == tile::MOST_POINTS);
 
-/// A point's uncertainty: the maps answer; rays are to; and are to for what no map knows (`Beside`).
+/// A point's uncertainty: the maps answer; rays are to; and are to for what no map knows (`CloseCasters`).
 const SURE: u8 = 0;
 const UNSURE: u8 = 1;
-const BESIDE: u8 = 2;
+const CLOSE: u8 = 2;
 
 /// Points that a thread takes at a time if they are no image.
 const CHUNK: usize = 512;
@@ -271,7 +271,7 @@ impl Scene<'_> {
         if doubt != SURE {
             return Start::Done(1.0, doubt);
         }
-        if let Some(share) = self.grid.and_then(|grid| grid.between(&self.points, point)) {
+        if let Some(share) = self.grid.and_then(|grid| grid.interpolated(&self.points, point)) {
             return Start::Done(share, SURE);
         }
         let mut hidden = Bits::default();
@@ -293,8 +293,8 @@ impl Scene<'_> {
     /// horizon.
     fn doubt(&self, chosen: &Chosen<'_>, lowest: f32, highest: f32) -> u8 {
         let readable = highest > 0.0;
-        if readable && chosen.is_beside(self.maps) {
-            return BESIDE;
+        if readable && chosen.has_close_casters(self.maps) {
+            return CLOSE;
         }
         let around = |map: usize| Around::of(self.maps.list[map].map, &chosen.seen);
         let unsure = |map: usize| {

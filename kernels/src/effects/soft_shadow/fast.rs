@@ -141,7 +141,7 @@ fn total<V: Vector>(vector: V, sums: &[V::Floats; LANES]) -> f32 {
 
 /// The samples from one rounded rank up to another, or the other way round.
 #[inline(always)]
-fn between<E: Eight>(eight: E, prefixes: &Prefixes, low: f32, high: f32) -> E::Ints {
+fn bits_between<E: Eight>(eight: E, prefixes: &Prefixes, low: f32, high: f32) -> E::Ints {
     let (low, high) = (&prefixes.0[rank(low)], &prefixes.0[rank(high)]);
     eight.xor_ints(eight.load_ints(low), eight.load_ints(high))
 }
@@ -247,8 +247,8 @@ pub fn backproject_block<S: Simd>(
         while found != 0 {
             let lane = found.trailing_zeros() as usize % LANES;
             found &= found - 1;
-            let columns = between(eight, &FIRST_COLUMNS, ranks[0][lane], ranks[1][lane]);
-            let rows = between(eight, &FIRST_ROWS, ranks[2][lane], ranks[3][lane]);
+            let columns = bits_between(eight, &FIRST_COLUMNS, ranks[0][lane], ranks[1][lane]);
+            let rows = bits_between(eight, &FIRST_ROWS, ranks[2][lane], ranks[3][lane]);
             hidden = eight.or_ints(hidden, eight.and_ints(columns, rows));
         }
     }

@@ -1,13 +1,13 @@
 //! Layered soft shadow maps: thesis chapter 5, with the bitmask of Schwarz and Stamminger (2007).
 
 mod area;
-mod beside;
-mod between;
 mod choose;
+mod close_casters;
 mod doubt;
 mod evaluate;
 mod fast;
 mod finest;
+mod interpolate;
 mod level;
 mod light;
 mod open;
@@ -23,7 +23,7 @@ mod window;
 use crate::cancel::CancelFlag;
 use crate::emitter::Emitter;
 use crate::view::View;
-use choose::{Beside, Maps};
+use choose::{CloseCasters, Maps};
 use evaluate::{Method, Settings};
 use level::Bias;
 use numpy::{
@@ -92,20 +92,20 @@ type Shares<'py> = (Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<u8>>);
 /// shrinks to the nearest depth inside.
 ///
 /// With `spacing` n > 1, of points that are an image (height, width, 3), every n-th of every n-th row is evaluated by the
-/// bitmask, and of the others those that are not between four alike ones on the same smooth surface.
+/// bitmask, and of the others those that are not interpolated from four alike ones on the same smooth surface.
 ///
 /// `method`: "bitmask"; "plain", the slow model of it, for tests; "area", the thesis's sum of areas, uniform, without
-/// horizon, nowhere uncertain, to which the last stored depth only ends the layer before it. `beside`, one a map or
+/// horizon, nowhere uncertain, to which the last stored depth only ends the layer before it. `close_casters`, one a map or
 /// none: (rows, columns) u8 over its window, not 0 where casters that no map knows may hide a part of the light.
 ///
 /// Returns (visibility f32, uncertain u8), shaped like the points. Points that are not finite get 1. With
 /// `leave_uncertain`, points where the maps are not to be believed are uncertain (1) and get 1 without a look, for rays to
-/// replace; with `leave_edges` those of them at edges of shadows that are harder than a texel; those that `beside` tells of (2)
+/// replace; with `leave_edges` those of them at edges of shadows that are harder than a texel; those that `close_casters` tells of (2)
 /// always are.
 /// Raises ValueError on bad shapes or values, and Cancelled.
 #[pyfunction]
 #[pyo3(signature = (position, geometric_normal, shading_normal, eye, emitter, maps, max_samples=512, refinements=1,
-    method="bitmask", leave_uncertain=false, leave_edges=false, beside=Vec::new(), spacing=1, cancel=None))]
+    method="bitmask", leave_uncertain=false, leave_edges=false, close_casters=Vec::new(), spacing=1, cancel=None))]
 fn soft_shadow_backproject<'py>(
     py: Python<'py>,
     position: PyReadonlyArrayDyn<'py, f32>,
@@ -119,7 +119,7 @@ fn soft_shadow_backproject<'py>(
     method: &str,
     leave_uncertain: bool,
     leave_edges: bool,
-    beside: Vec<PyReadonlyArray2<'py, u8>>,
+    close_casters: Vec<PyReadonlyArray2<'py, u8>>,
     spacing: usize,
     cancel: Option<PyRef<'_, CancelFlag>>,
 ) -> PyResult<Shares<'py>> {
@@ -151,9 +151,11 @@ fn soft_shadow_backproject<'py>(
     if max_samples == 0 || spacing == 0 {
         return Err(PyValueError::new_err("max_samples and spacing are at least 1"));
     }
-    if !(beside.is_empty() || beside.len() == maps.len()) || beside.iter().any(|cells| cells.len() == 0) {
+    if !(close_casters.is_empty() || close_casters.len() == maps.len())
+        || close_casters.iter().any(|cells| cells.len() == 0)
+    {
         return Err(PyValueError::new_err(
-            "beside is one array a map, none of them empty",
+            "close_casters is one array a map, none of them empty",
         ));
     }
     if settings.method == Method::Area && maps.iter().any(|handle| handle.map.layers < 2) {
@@ -167,17 +169,17 @@ fn soft_shadow_backproject<'py>(
         width: if shape.len() == 3 { shape[1] } else { usize::MAX },
     };
     let table = |cells: &'_ PyReadonlyArray2<'py, u8>| Ok((cells.shape()[1], cells.as_slice()?.to_vec()));
-    let beside: Vec<(usize, Vec<u8>)> = beside.iter().map(table).collect::<PyResult<_>>()?;
+    let close_casters: Vec<(usize, Vec<u8>)> = close_casters.iter().map(table).collect::<PyResult<_>>()?;
     let maps: Vec<Arc<PreparedMap>> = maps.iter().map(|handle| handle.map.clone()).collect();
     let cancel = CancelFlag::of(cancel);
     let (visibility, uncertain) = py.detach(|| {
         let maps: Vec<&PreparedMap> = maps.iter().map(|map| &**map).collect();
-        let beside = beside.iter().map(|(columns, cells)| Beside {
+        let close_casters = close_casters.iter().map(|(columns, cells)| CloseCasters {
             columns: *columns,
             cells,
         });
-        let beside: Vec<Beside<'_>> = beside.collect();
-        let maps = Maps::new(&emitter, &maps, &beside, [x, y, z], refinements);
+        let close_casters: Vec<CloseCasters<'_>> = close_casters.collect();
+        let maps = Maps::new(&emitter, &maps, &close_casters, [x, y, z], refinements);
         evaluate::evaluate(&maps, points, settings, &cancel)
     })?;
     let points_shape = &shape[..shape.len() - 1];
@@ -205,7 +207,7 @@ fn soft_shadow_unknown_shares<'py>(
     let rows =
         |array: &PyReadonlyArray2<'py, f32>| Ok::<_, PyErr>(array.as_slice()?.as_chunks::<3>().0.to_vec());
     let (places, towards, known) = (rows(&places)?, rows(&towards)?, known.as_slice()?.to_vec());
-    let shares = py.detach(|| beside::unknown_shares(&places, &known, &towards));
+    let shares = py.detach(|| close_casters::unknown_shares(&places, &known, &towards));
     Ok(shares.into_pyarray(py))
 }
 

@@ -14,11 +14,11 @@ from ...core.emitter import Emitter
 from ...core.view import View
 from .views import FACE_TANGENT, WIDEST_SPOT, WIDEST_TANGENT, cube_axes
 
-LOOK_RESOLUTION = 64  # texels, a side of the look around
+RESOLUTION = 64  # texels, a side of the depth maps around the light
 SMALLEST_RADIUS_M = 1e-9  # smaller lamps are points: hidden whole, or not at all
 CELLS = 20  # a side of the tables
 
-LEAST = 0.0075
+LEAST_SHARE = 0.0075
 """Share of the light: where less of it is hidden by what maps do not know, rays would hardly better them."""
 
 
@@ -32,37 +32,37 @@ def reach_m(emitter: Emitter) -> float:
     return emitter.half_width / math.sin(math.atan(WIDEST_TANGENT) - farthest)
 
 
-def looks_around(emitter: Emitter) -> list[tuple[str, View]]:
+def surrounding_views(emitter: Emitter) -> list[tuple[str, View]]:
     """Six views of all that is close to the light."""
     near, far = 1e-3 * emitter.half_width, reach_m(emitter)
     window = (-1.0, 1.0, -1.0, 1.0)
     return [(name, View(emitter.centre, *axes, window, near, far)) for name, axes in cube_axes()]
 
 
-def table(device, looks: list[np.ndarray], emitter: Emitter, view: View) -> np.ndarray:
+def table(device, depths: list[np.ndarray], emitter: Emitter, view: View) -> np.ndarray:
     """(CELLS, CELLS) uint8 over the window of `view`, rows from the bottom: 1 where what is close to the
     light but out of the view may hide a part of it from points in that direction that nothing in the view
-    hides. `looks`: a depth map of each of `looks_around`, (1, LOOK_RESOLUTION, LOOK_RESOLUTION) float32,
+    hides. `depths`: a depth map of each of `surrounding_views`, (1, RESOLUTION, RESOLUTION) float32,
     metres. `device` is the CPU."""
-    places, known = _surroundings(looks, view)
+    places, known = _surroundings(depths, view)
     if known.all():
         return np.zeros((CELLS, CELLS), np.uint8)
     radii = np.float32(places / emitter.half_width)
     shares = device.kernels.soft_shadow_unknown_shares(radii, known, np.float32(_towards(view)))
-    doubtful = (shares > LEAST).reshape(CELLS + 1, CELLS + 1)
+    doubtful = (shares > LEAST_SHARE).reshape(CELLS + 1, CELLS + 1)
     corners = doubtful[1:, 1:] | doubtful[1:, :-1] | doubtful[:-1, 1:] | doubtful[:-1, :-1]
     return corners.astype(np.uint8)
 
 
-def _surroundings(looks: list[np.ndarray], view: View) -> tuple[np.ndarray, np.ndarray]:
+def _surroundings(depths: list[np.ndarray], view: View) -> tuple[np.ndarray, np.ndarray]:
     """Places (N, 3) on what is closest to the light, from its centre in the world, metres, and whether maps
     along the axes of `view` know each (N,)."""
-    at = (np.arange(LOOK_RESOLUTION) + 0.5) / LOOK_RESOLUTION * 2.0 - 1.0
-    slopes = np.stack([*np.meshgrid(at, at), np.ones((LOOK_RESOLUTION, LOOK_RESOLUTION))], -1)
+    at = (np.arange(RESOLUTION) + 0.5) / RESOLUTION * 2.0 - 1.0
+    slopes = np.stack([*np.meshgrid(at, at), np.ones((RESOLUTION, RESOLUTION))], -1)
     found = []
-    for look, (_, axes) in zip(looks, cube_axes(), strict=True):
-        hit = np.isfinite(look[0])
-        found.append((slopes[hit] * look[0][hit][:, None]) @ np.array(axes))
+    for depth, (_, axes) in zip(depths, cube_axes(), strict=True):
+        hit = np.isfinite(depth[0])
+        found.append((slopes[hit] * depth[0][hit][:, None]) @ np.array(axes))
     places = np.concatenate(found)
     x, y, z = (places @ np.array([view.right, view.up, view.forward]).T).T
     return places, np.maximum(np.abs(x), np.abs(y)) <= WIDEST_TANGENT * z

@@ -7,7 +7,7 @@ import pytest
 import strata_kernels as kernels
 from strata.addon.core.emitter import EmitterKind
 from strata.addon.devices.cpu import CpuDevice
-from strata.addon.effects.soft_shadow import beside
+from strata.addon.effects.soft_shadow import close_casters
 from strata.addon.effects.soft_shadow.views import light_views
 from strata.tests.effects.soft_shadow.scenes import Stage, ground_points, lamp, plate
 
@@ -27,12 +27,12 @@ RIM = [plate(1.95, 2.2, 1.95, 2.2, 0.05), plate(-2.2, -1.95, -2.2, -1.95, 0.05)]
 
 
 def tables_of(stage, emitter, views):
-    everything, size = stage.everything(), beside.LOOK_RESOLUTION
-    looks = [
+    everything, size = stage.everything(), close_casters.RESOLUTION
+    depths = [
         kernels.layered_depth(stage.geometry, everything, view.packed(), 1, size, size)
-        for _, view in beside.looks_around(emitter)
+        for _, view in close_casters.surrounding_views(emitter)
     ]
-    return [beside.table(CpuDevice(), looks, emitter, view) for view in views]
+    return [close_casters.table(CpuDevice(), depths, emitter, view) for view in views]
 
 
 def visibility(stage, emitter, points, with_tables, leave_uncertain=True):
@@ -50,7 +50,7 @@ def visibility(stage, emitter, points, with_tables, leave_uncertain=True):
     surface = (points.astype(np.float32), normals, normals)
     tables = tables_of(stage, emitter, views) if with_tables else []
     found, doubt = kernels.soft_shadow_backproject(
-        *surface, stage.origin, emitter.packed(), maps, leave_uncertain=leave_uncertain, beside=tables
+        *surface, stage.origin, emitter.packed(), maps, leave_uncertain=leave_uncertain, close_casters=tables
     )
     accelerator = kernels.Accel(stage.geometry, stage.origin, stage.everything())
     truth, weight = kernels.ray_visibility(
@@ -91,11 +91,11 @@ def test_without_other_doubts_the_tables_alone_leave_points_to_rays():
 
 
 def test_nothing_is_doubted_for_casters_that_maps_know_or_that_are_far():
-    high = plate(-3.0, 3.0, -3.0, 3.0, 2.0 + 1.01 * beside.reach_m(SPOT))
+    high = plate(-3.0, 3.0, -3.0, 3.0, 2.0 + 1.01 * close_casters.reach_m(SPOT))
     stage = Stage([GROUND, BOARD, high])
     views, _ = light_views(SPOT, stage.boxes, np.array([[(-2, -2, 0), (2, 2, 0)]], float))
     (table,) = tables_of(stage, SPOT, [view for _, view in views])
-    assert table.shape == (beside.CELLS, beside.CELLS)
+    assert table.shape == (close_casters.CELLS, close_casters.CELLS)
     assert table.dtype == np.uint8
     assert not table.any()
 
@@ -119,5 +119,5 @@ def test_useless_tables_are_refused(tables):
     maps = stage.maps(SPOT, points, resolution=64)
     normals = np.tile(UP, (len(points), 1))
     arguments = (points.astype(np.float32), normals, normals, stage.origin, SPOT.packed(), maps)
-    with pytest.raises(ValueError, match="beside"):
-        kernels.soft_shadow_backproject(*arguments, beside=tables)
+    with pytest.raises(ValueError, match="close_casters"):
+        kernels.soft_shadow_backproject(*arguments, close_casters=tables)

@@ -1,4 +1,4 @@
-"""Points between evaluated ones (between.rs), on a level ground that is an image of points."""
+"""Points between evaluated ones (interpolate.rs), on a level ground that is an image of points."""
 
 from __future__ import annotations
 

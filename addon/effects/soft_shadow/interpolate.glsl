@@ -1,4 +1,4 @@
-// Points between evaluated ones: between.rs, which says what the constants mean.
+// Points between evaluated ones: interpolate.rs, which says what the constants mean.
 
 const float WIDEST = 0.1;
 const float ALIKE = 0.99;
@@ -14,7 +14,7 @@ bool on_one_surface(vec3 place, vec3 facing, vec3 shaded, ivec2 corner)
 }
 
 // Whether the visibility of a point, `share`, follows from the corners of its cell of the grid of evaluated points.
-bool is_between(ivec2 pixel, out float share)
+bool is_interpolated(ivec2 pixel, out float share)
 {
   int spacing = int(params.spacing);
   ivec2 cell = pixel / spacing * spacing;

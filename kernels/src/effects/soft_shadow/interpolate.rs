@@ -33,7 +33,7 @@ impl Grid {
 
     /// The visibility of a point from the corners of its cell of the grid, if all of them are certain, on one smooth
     /// surface with it, and about as bright.
-    pub fn between(&self, points: &Points<'_>, point: usize) -> Option<f32> {
+    pub fn interpolated(&self, points: &Points<'_>, point: usize) -> Option<f32> {
         let (x, y) = (point % points.width, point / points.width);
         let (column, row) = (x / self.spacing, y / self.spacing);
         let share = |at: usize| (at % self.spacing) as f32 / self.spacing as f32;
