@@ -105,6 +105,8 @@ class Measurement:
         is told how long it still takes."""
         if layer.name in self._lost:
             return self._lost[layer.name]
+        if layer.name not in self._collectors:
+            return NotMeasured("it is made of finished images, and probes are drawn from samples")
 
         started = time.perf_counter()
         collector = self._collectors[layer.name]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from strata.addon.bake import BakeJob
 from strata.addon.core.effect import Effect, LayerKind, Registry
-from strata.addon.core.graph import Step
+from strata.addon.core.graph import Rate, Step
 from strata.addon.core.metrics import maximum, quantile
 from strata.addon.core.params import Params, param
 from strata.addon.effects.shared import steps as shared
@@ -237,6 +237,18 @@ def test_more_samples_make_a_better_mask():
     one, many = (baked(1.0, samples)["Stripes"]["error"] for samples in (1, 32))
     assert many["mean_absolute_error"] < 0.4 * one["mean_absolute_error"]
     assert many["ci95"][1] < one["ci95"][0]
+
+
+def test_a_layer_of_finished_images_says_why_it_is_not_measured():
+    step = Step("as it is", cpu=lambda device, image: image, rate=Rate.PICTURE, hole="one will do")
+
+    def run_late(recorder, outline, params):
+        surface = shared.surface(recorder, outline, "position", "instance")
+        air = recorder.step(AIRLIGHT, surface, gain=params.gain, far=FAR)
+        recorder.layer(GLOW.layers[0], recorder.step(step, air))
+
+    why = baked(1.0, 1, replace(GLOW, run=run_late))["Air"]["error"]["not_measured"]
+    assert "finished images" in why
 
 
 class LargestValue:
