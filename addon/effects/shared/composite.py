@@ -33,6 +33,7 @@ def record(recorder: Recorder, outline: Outline) -> None:
     """
     seen, receivers = receivers_in_view(outline, recorder.shot)
     if not len(receivers):
+        leave_out(recorder, outline, "nothing is in view")
         return
     visible = outline.instances.subset(seen)
     points = surface(recorder, outline, "material")
@@ -84,7 +85,9 @@ def record(recorder: Recorder, outline: Outline) -> None:
     recorder.layer(KIND, picture)
 
 
-def leave_out(recorder: Recorder, outline: Outline) -> None:
+def leave_out(
+    recorder: Recorder, outline: Outline, reason: str = "it makes the composite anew, and none is made"
+) -> None:
     """Where no composite is made: notes what would make it anew."""
     for offer in recorder.chosen_offers(Role.PICTURE):
-        recorder.left_out(offer.effect.title, "it makes the composite anew, and none is made")
+        recorder.left_out(offer.effect.title, reason)

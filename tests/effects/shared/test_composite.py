@@ -17,11 +17,12 @@ from strata.addon.core.roles import Role
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared import composite, lit
 from strata.addon.effects.shared.joins import Join
-from strata.addon.planning import Options
+from strata.addon.planning import Options, plan_scene
 from strata.addon.scene.open import choose, open_blend
 from strata.tests.support.executing import SHOT, tilted_quad_scene
 from strata.tests.support.gpu_scenes import gpu_device
 from strata.tests.support.places import SAMPLES
+from strata.tests.support.tiny_effects import LENS, registry
 
 AXES = {"right": (1.0, 0.0, 0.0), "up": (0.0, 1.0, 0.0), "forward": (0.0, 0.0, -1.0)}
 EYE = (3.0, -2.0, 5.0)
@@ -178,6 +179,13 @@ def test_lights_that_reach_nothing_are_not_computed():
 def test_a_scene_with_nothing_in_view_has_no_composite():
     outline, _ = tilted_quad_scene()
     assert not graph_of(replace(outline, instances=())).layers
+
+
+def test_where_nothing_is_in_view_a_lens_is_left_out():
+    outline, _ = tilted_quad_scene()
+    options = Options(("lens",), composite=True, registry=registry(LENS))
+    graph = plan_scene(replace(outline, instances=()), SHOT, options)
+    assert ("Lens", "nothing is in view") in [(entry.what, entry.reason) for entry in graph.left_out]
 
 
 def test_any_later_layer_joins_by_its_kind():
