@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ...core.culling import around, receivers_in_view
 from ...core.effect import LayerKind
-from ...core.graph import Node
+from ...core.graph import Node, PlannedLayer
 from ...core.outline import Outline
 from ...core.recorder import Recorder
 from ...core.roles import PRODUCT, THE_IMAGE, Of, Role
@@ -28,8 +30,8 @@ def record(recorder: Recorder, outline: Outline) -> None:
     Every light that shines on what is in view counts, those without a layer unshadowed. Layers join by their
     role (core/roles.py): first those that scale one light or are it, then emission and what else comes from
     surfaces, then those that all of this passes, then those that add light of their own, then those that lie
-    over it, and last an effect that was chosen and makes the picture anew. AMBIENT scales nothing yet: light
-    of the world is not in the composite.
+    over it, with the screens of their effects, and last an effect that was chosen and makes the picture anew.
+    AMBIENT scales nothing yet: light of the world is not in the composite.
     """
     seen, receivers = receivers_in_view(outline, recorder.shot)
     if not len(receivers):
@@ -61,8 +63,9 @@ def record(recorder: Recorder, outline: Outline) -> None:
         for layer in layers:
             if layer.role is role:
                 join(Join.ADD, layer.node)
+    screens = _screens(layers)
     for layer in layers:
-        if layer.role is Role.TRANSMITTANCE and not layer.of.is_lamp:
+        if layer.role is Role.TRANSMITTANCE and not layer.of.is_lamp and layer not in screens:
             join(Join.MULTIPLY, layer.node)
     for layer in layers:
         if layer.role is Role.SCATTERING:
@@ -71,8 +74,10 @@ def record(recorder: Recorder, outline: Outline) -> None:
     if sorted_ones := [layer for layer in over if layer.depth is not None]:
         nodes = [node for layer in sorted_ones for node in (layer.node, layer.depth)]
         join(Join.OVER_BY_DEPTH, *nodes, details=(len(sorted_ones),))
-    for layer in over:
-        if layer.depth is None:
+    for layer in layers:
+        if layer in screens:
+            join(Join.MULTIPLY, layer.node)
+        elif layer.role is Role.OVER and layer.depth is None:
             join(Join.OVER, layer.node)
     albedo = lit.base_colour(recorder, outline, points)
     picture = recorder.step(lit.COMPOSITE, albedo, *inputs, joins=tuple(joins))
@@ -83,6 +88,18 @@ def record(recorder: Recorder, outline: Outline) -> None:
         else:
             recorder.left_out(offer.effect.title, f"{first} makes the picture anew, and only one can")
     recorder.layer(KIND, picture)
+
+
+def _screens(layers: Sequence[PlannedLayer]) -> list[PlannedLayer]:
+    """What a picture passes that an effect has laid over it before: dots are on its colours, and what lies
+    over the dots was recorded after them."""
+    covering, found = set(), []
+    for layer in layers:
+        if layer.role is Role.OVER:
+            covering.add(layer.effect)
+        elif layer.role is Role.TRANSMITTANCE and not layer.of.is_lamp and layer.effect in covering:
+            found.append(layer)
+    return found
 
 
 def leave_out(

@@ -22,7 +22,7 @@ from strata.addon.scene.open import choose, open_blend
 from strata.tests.support.executing import SHOT, tilted_quad_scene
 from strata.tests.support.gpu_scenes import gpu_device
 from strata.tests.support.places import SAMPLES
-from strata.tests.support.tiny_effects import LENS, registry
+from strata.tests.support.tiny_effects import LENS, effect, registry
 
 AXES = {"right": (1.0, 0.0, 0.0), "up": (0.0, 1.0, 0.0), "forward": (0.0, 0.0, -1.0)}
 EYE = (3.0, -2.0, 5.0)
@@ -198,6 +198,43 @@ def test_any_later_layer_joins_by_its_kind():
     composite.record(recorder, outline)
     joins = recorder.layers[-1].node.params["joins"]
     assert [join[0] for join in joins] == ["light", "multiply"]
+
+
+def test_dots_are_on_the_colours_that_their_effect_lays_over_the_picture():
+    outline, _ = tilted_quad_scene()
+    recorder = Recorder(replace(outline, lights=(one_sun(),)), SHOT)
+    dots, pane = (
+        LayerKind(n, c, role=r) for n, c, r in (("Dots", "V", Role.TRANSMITTANCE), ("P", "RGBA", Role.OVER))
+    )
+    toon, fog = (effect(id, (), None) for id in ("toon", "fog"))
+    made = {}
+    for by, kind, title in (
+        (toon, pane, "Toon"),
+        (toon, dots, "Dots"),
+        (toon, pane, "Ink"),
+        (fog, dots, "Fog"),
+    ):
+        recorder.effect = by
+        made[title] = recorder.step(Step(title, cpu=lambda device: None))
+        recorder.layer(replace(kind, title=title), made[title])
+    recorder.effect = None
+    composite.record(recorder, recorder.outline)
+    node = recorder.layers[-1].node
+    assert [join[0] for join in node.params["joins"]] == ["light", "multiply", "over", "multiply", "over"]
+    assert node.inputs[-4:] == tuple(made[title] for title in ("Fog", "Toon", "Dots", "Ink"))
+
+
+def test_a_comics_dots_are_to_be_seen_in_the_picture():
+    open_blend(SAMPLES / "comic.blend")
+    chosen = choose()
+    how = Options(("toon",), "cpu", samples=1, probes=0, composite=True)
+    found = bake(chosen.scene, chosen.view_layer, how, size=(120, 68))
+    layers = {layer.name: layer.pixels.astype(np.float64) for layer in found.layers.layers}
+    toon, ink, dots = (layers[name] for name in ("Toon", "Toon Outline", "Toon Halftone"))
+    inside = toon[..., 3] == 1.0
+    assert (dots[inside] < 0.5).mean() > 0.02
+    expected = ink[..., :3] + (1.0 - ink[..., 3:]) * dots[..., None] * toon[..., :3]
+    assert np.allclose(found.composite[inside, :3], expected[inside], rtol=1e-4, atol=1e-5)
 
 
 def simple_scene() -> None:
