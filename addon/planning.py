@@ -10,7 +10,7 @@ from .core.effect import Effect, Offer, Registry
 from .core.errors import StrataError
 from .core.free_memory import free_bytes
 from .core.graph import Graph
-from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups, without_too_large
+from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups, too_large
 from .core.outline import Outline
 from .core.reach import fitted
 from .core.recorder import Recorder, plan
@@ -102,16 +102,24 @@ def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
     if options.lights is not None:
         lights = enumerate(outline.lights)
         lamps = tuple(index for index, light in lights if options.wants(light.name, light.pass_name))
-    graph = plan(
-        outline,
-        shot,
-        options.chosen(),
-        *recordings,
-        offers=options.offers(),
-        lamps=lamps,
-        keeps_unused=options.keeps_unused,
-    )
-    return without_too_large(graph, outline, sampling_of(graph, options), _budget_bytes(options))
+    left_out: dict[str, str] = {}
+    while True:
+        graph = plan(
+            outline,
+            shot,
+            options.chosen(),
+            *recordings,
+            offers=options.offers(),
+            lamps=lamps,
+            keeps_unused=options.keeps_unused,
+            without=left_out,
+        )
+        found = too_large(graph, outline, sampling_of(graph, options), _budget_bytes(options))
+        if not found:
+            return graph
+        # A composite may be too large for a layer's sake: it is made of the others then.
+        of_effects = {layer.name for layer in graph.layers if layer.effect} & found.keys()
+        left_out |= {name: found[name] for name in of_effects or found}
 
 
 def _record_probed(recorder: Recorder, outline: Outline) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .film import takes_of
-from .graph import Graph, LeftOut, Node, PlannedLayer, Rate
+from .graph import Graph, Node, PlannedLayer, Rate
 from .outline import Outline
 from .reach import fitted, margins_of, reads_whole
 from .sampling import Sampling
@@ -110,23 +110,21 @@ def in_groups(
     return graphs, MemoryEstimate(held, layers, sizes.shared, largest, max(len(groups), 1), budget)
 
 
-def without_too_large(graph: Graph, outline: Outline, sampling: Sampling, budget: int) -> Graph:
-    """The graph without layers for which some step reads a whole image at once (Step.reach), where that does
-    not fit into `budget` bytes; it says so."""
+def too_large(graph: Graph, outline: Outline, sampling: Sampling, budget: int) -> dict[str, str]:
+    """By name, why layers have to be left out for which some step reads a whole image at once (Step.reach):
+    where that does not fit into `budget` bytes."""
     if not reads_whole(graph.nodes()):
-        return graph
-    whole, kept, left_out = fitted(sampling, graph.nodes()), [], list(graph.left_out)
+        return {}
+    whole, found = fitted(sampling, graph.nodes()), {}
     for layer in graph.layers:
-        unit, needed = _Unit(layer, None, layer.roots), 0
-        if reads_whole(graph.nodes(layer.roots)):
-            sizes = _Sizes(replace(graph, layers=(layer,)), outline, whole)
-            needed = sizes.shared + sizes.image(layer) + sizes.tiles(unit)
-        if needed <= budget:
-            kept.append(layer)
+        if not reads_whole(graph.nodes(layer.roots)):
             continue
-        reason = f"it reads a whole image at once: {size_of(needed)}, over the budget of {size_of(budget)}"
-        left_out.append(LeftOut(layer.name, reason, layer.effect, layer.light))
-    return replace(graph, layers=tuple(kept), left_out=tuple(left_out))
+        sizes = _Sizes(replace(graph, layers=(layer,)), outline, whole)
+        needed = sizes.shared + sizes.image(layer) + sizes.tiles(_Unit(layer, None, layer.roots))
+        if needed > budget:
+            what = f"{size_of(needed)}, over the budget of {size_of(budget)}"
+            found[layer.name] = f"it reads a whole image at once: {what}"
+    return found
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ class Recorder:
         offers: Mapping[Role, tuple[Offer, ...]] | None = None,
         lamps: tuple[int, ...] | None = None,
         keeps_unused: bool = False,
+        without: Mapping[str, str] | None = None,
     ):
         self.outline = outline
         self.shot = shot
@@ -32,6 +33,7 @@ class Recorder:
         self.lamps = tuple(range(len(outline.lights))) if lamps is None else lamps
         self._wants_others = lamps is None
         self._keeps_unused = keeps_unused
+        self._without = without or {}
         self._offers = {
             role: tuple(
                 sorted(
@@ -111,7 +113,6 @@ class Recorder:
         of = of or Of(kind.of)
         if self.effect and not (of.index in self.lamps if of.is_lamp else self._wants_others):
             return
-        self.reads_instances(casters)
         light = whose = ""
         if of.is_lamp:
             named = self.outline.lights[of.index]
@@ -121,6 +122,10 @@ class Recorder:
         name = layer_name(kind.title, whose)
         if any(layer.name == name for layer in self._layers):
             raise ValueError(f"two layers are called '{name}'")
+        if name in self._without:
+            self.left_out(name, self._without[name], light)
+            return
+        self.reads_instances(casters)
         effect = self.effect.id if self.effect else ""
         layer = PlannedLayer(
             name,
@@ -213,13 +218,14 @@ def plan(
     offers: Mapping[Role, tuple[Offer, ...]] | None = None,
     lamps: tuple[int, ...] | None = None,
     keeps_unused: bool = False,
+    without: Mapping[str, str] | None = None,
 ) -> Graph:
     """Records every effect that a shot of the scene needs; `effects` maps each to its parameters. Each of
     `recordings`, called with recorder and outline, may record more, after them and for no effect. `offers`:
     what effects offer (`Effect.offers`); a lamp that asks for none of them takes the first. `lamps`: indices
     of the only lights whose layers are wanted, and no other layers; None: all. `keeps_unused`: also layers
-    that the picture takes from another effect."""
-    recorder = Recorder(outline, shot, offers, lamps, keeps_unused)
+    that the picture takes from another effect. `without`: by name, why layers are left out."""
+    recorder = Recorder(outline, shot, offers, lamps, keeps_unused, without)
     for effect, params in effects.items():
         recorder.effect, recorder.params = effect, params
         if not recorder.shot_has(effect.needs, effect.title):

@@ -10,14 +10,17 @@ from strata.addon.core.effect import LayerKind
 from strata.addon.core.executor import Executor
 from strata.addon.core.film import takes_of
 from strata.addon.core.graph import WHOLE, Graph, Node, PlannedLayer, Rate, Step
-from strata.addon.core.memory import without_too_large
+from strata.addon.core.memory import too_large
 from strata.addon.core.reach import fitted, margins_of, reads_whole
+from strata.addon.core.roles import Role
 from strata.addon.core.sampling import Sampling
 from strata.addon.core.shader import Shader
 from strata.addon.core.view import View
-from strata.addon.effects.shared.steps import GEOMETRY, SURFACE
-from strata.tests.support.executing import drain, tilted_quad_scene
+from strata.addon.effects.shared.steps import GEOMETRY, SURFACE, surface
+from strata.addon.planning import Options, plan_scene
+from strata.tests.support.executing import SHOT, drain, tilted_quad_scene
 from strata.tests.support.gpu_scenes import on_both, scene_of, triangle_mesh
+from strata.tests.support.tiny_effects import effect, registry
 
 SIZE, REACH = (96, 70), 40
 VIEW = View((0, 0, 3), (1, 0, 0), (0, 1, 0), (0, 0, -1), (-0.4, 0.4, -0.3, 0.3), 0.1, 100.0)
@@ -121,18 +124,35 @@ def test_a_step_that_reads_a_whole_image_gets_it_or_is_left_out():
     assert reads_whole(made.nodes())
     assert not reads_whole(made.nodes([layers[0].node]))
     outline = tilted_quad_scene()[0]
-    assert without_too_large(made, outline, sampling, 1 << 40) == made
-    fewer = without_too_large(made, outline, sampling, 1 << 20)
-    assert fewer.layers == layers[:1]
-    assert [(each.what, each.effect) for each in fewer.left_out] == [("Share", "test")]
-    assert "over the budget of 1 MB" in fewer.left_out[0].reason
+    assert too_large(made, outline, sampling, 1 << 40) == {}
+    found = too_large(made, outline, sampling, 1 << 20)
+    assert found.keys() == {"Share"}
+    assert "over the budget of 1 MB" in found["Share"]
 
 
-@pytest.mark.parametrize("more", [{"reach": WHOLE}, {"rate": Rate.PICTURE}], ids=["whole", "finished"])
-def test_nothing_is_read_around_a_whole_image(more):
+def test_a_composite_is_made_of_the_layers_that_fit():
+    kind = LayerKind("Share", "V", role=Role.TRANSMITTANCE)
+    step = Step("share", cpu=lambda device, surface: surface["depth"], hole="one will do", reach=WHOLE)
+
+    def run(recorder, outline, params):
+        recorder.layer(kind, recorder.step(step, surface(recorder, outline, "depth")))
+
+    outline, _ = tilted_quad_scene()
+    for budget, names in ((1 << 40, ["Share", "Composite"]), (1 << 20, ["Composite"])):
+        share = effect("share", (kind,), run)
+        options = Options(("share",), composite=True, memory_bytes=budget, registry=registry(share))
+        graph = plan_scene(outline, SHOT, options)
+        assert [layer.name for layer in graph.layers] == names
+        reasons = [entry.reason for entry in graph.left_out if entry.what == "Share"]
+        assert len(reasons) == (budget == 1 << 20)
+        assert all(reason.endswith("over the budget of 1 MB") for reason in reasons)
+
+
+@pytest.mark.parametrize("declared", [{"reach": WHOLE}, {"rate": Rate.PICTURE}], ids=["whole", "finished"])
+def test_nothing_is_read_around_a_whole_image(declared):
     """It would be made of other pixels than where nobody reads around it, or be too small."""
     made = graph()
-    node = Node(Step("all", cpu=lambda _, surface: surface["depth"], **more), "", (made.surface,), {})
+    node = Node(Step("all", cpu=lambda _, surface: surface["depth"], **declared), "", (made.surface,), {})
     read = Node(Step("held", cpu=lambda _, depth: {"depth": depth}), "", (node,), {})
     for each, is_refused in ((read, False), (Node(AROUND, "", (read,), {}), True)):
         chosen = replace(made, layers=(PlannedLayer("All", "test", each, LayerKind("All", "Z")),))
