@@ -9,7 +9,7 @@ from typing import Any
 
 from ..addon.bake import BakeJob
 from ..addon.core.free_memory import held_bytes
-from ..addon.core.graph import Graph
+from ..addon.core.graph import Graph, PlannedLayer
 from ..addon.core.memory import MemoryEstimate
 from ..addon.core.outline import Outline
 from ..addon.core.sequence import SequenceLayer, with_neutral
@@ -57,22 +57,17 @@ def described_plan(
             "name": layer.name,
             "effect": layer.effect,
             "light": layer.light,
-            "channels": layer.channels,
-            "steps": list(dict.fromkeys(node.step.name for node in graph.nodes([layer.node]))),
-        }
-        for layer in graph.layers
-    ]
-    layers += (
-        {
-            "name": layer.name,
-            "effect": layer.effect,
-            "light": layer.light,
+            "pass_name": layer.pass_name,
             "channels": layer.kind.channels,
-            "steps": [],
-            "neutral": True,
+            "role": layer.kind.role.value,
+            **(
+                {"joins": layer.joins, "steps": _steps(graph, layer)}
+                if isinstance(layer, PlannedLayer)
+                else {"steps": [], "neutral": True}
+            ),
         }
-        for layer in missing
-    )
+        for layer in (*graph.layers, *missing)
+    ]
     return {
         "scene": outline.scene_name,
         "view_layer": outline.view_layer_name,
@@ -87,6 +82,10 @@ def described_plan(
         "warnings": [*warnings, *outline.warnings, *([memory.shortage] if memory.shortage else [])],
         "memory": {"sentence": memory.sentence, **memory.to_json()},
     }
+
+
+def _steps(graph: Graph, layer: PlannedLayer) -> list[str]:
+    return list(dict.fromkeys(node.step.name for node in graph.nodes([layer.node])))
 
 
 def plan_lines(plan: dict[str, Any]) -> Iterator[str]:

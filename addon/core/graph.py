@@ -161,11 +161,11 @@ class LeftOut:
 class PlannedLayer:
     """An image that the graph makes. `name` is unique and safe for a file; `effect` is the effect's id, empty
     for a picture that is no baked layer; `params` are the effect's. `of`: the lamp that it is of, or what
-    else, and `light` that lamp's own name; `casters` are the instances that can block its light into view.
-    `weight`: what its samples weigh, None where all weigh the same, and `weighed_by` what that is (Weight in
-    core/weight.py); `depth`: how far away an OVER layer is
-    at each pixel, metres. `joins`: not so where the picture takes the same from another effect. `is_whole`:
-    not so where other graphs' layers of that name are still to be added to it."""
+    else, `light` that lamp's own name and `pass_name` that in passes; `casters` are the instances that can
+    block its light into view. `weight`: what its samples weigh, None where all weigh the same, and
+    `weighed_by` what that is (Weight in core/weight.py); `depth`: how far away an OVER layer is at each
+    pixel, metres. `joins`: not so where the picture takes the same from another effect. `is_whole`: not so
+    where other graphs' layers of that name are still to be added to it."""
 
     name: str
     effect: str
@@ -180,6 +180,7 @@ class PlannedLayer:
     depth: Node | None = None
     joins: bool = True
     is_whole: bool = True
+    pass_name: str = ""
 
     @property
     def roots(self) -> tuple[Node, ...]:

@@ -113,10 +113,11 @@ class Recorder:
         of = of or Of(kind.of)
         if self.effect and not (of.index in self.lamps if of.is_lamp else self._wants_others):
             return
-        light = whose = ""
+        light = pass_name = whose = ""
         if of.is_lamp:
             named = self.outline.lights[of.index]
-            light, whose = named.name, named.pass_name or lamp_pass_name(named.name, named.key)
+            light = named.name
+            pass_name = whose = named.pass_name or lamp_pass_name(named.name, named.key)
         elif of.subject is Subject.OBJECT:
             whose = self.outline.instances[of.index].name
         name = layer_name(kind.title, whose)
@@ -138,6 +139,7 @@ class Recorder:
             casters,
             depth=depth,
             joins=self._joins(kind, of),
+            pass_name=pass_name,
         )
         self._layers.append(layer)
 

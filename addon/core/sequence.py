@@ -18,16 +18,18 @@ from .params import in_words
 
 @dataclass(frozen=True)
 class SequenceLayer:
-    """A layer that some frame needs; `effect` is the effect's id, `light` the lamp's own name."""
+    """A layer that some frame needs; `effect` is the effect's id, `light` the lamp's own name and
+    `pass_name` that in passes."""
 
     name: str
     kind: LayerKind
     effect: str
     light: str = ""
+    pass_name: str = ""
 
     @classmethod
     def of(cls, layer: PlannedLayer) -> SequenceLayer:
-        return cls(layer.name, layer.kind, layer.effect, layer.light)
+        return cls(layer.name, layer.kind, layer.effect, layer.light, layer.pass_name)
 
     def neutral(self, size: tuple[int, int], settings: dict[str, Any]) -> Layer:
         """For a frame of `size`, width and height, that does not need it. Its pixels are one number, repeated

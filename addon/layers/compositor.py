@@ -88,9 +88,7 @@ def build(
     Blender file. Raises StrataError, with nothing changed, where nothing can be joined.
     """
     headers = {layer: header_of(path) for layer, path in paths.items() if path.is_file()}
-    scaling = {
-        layer: _scaling(headers[layer], layer, registry) if layer in headers else () for layer in paths
-    }
+    scaling = {layer: _scaling(headers[layer], layer) if layer in headers else () for layer in paths}
     idle = {name for header in headers.values() for name in _idle(header, registry)}
     division = light_groups.divide(
         scene, {layer: _has_shadow(found) for layer, found in scaling.items()}, idle
@@ -152,16 +150,19 @@ def take_away(scene: bpy.types.Scene) -> TakenAway:
 # What there is to join
 
 
-def _scaling(header: ExrHeader, view_layer: bpy.types.ViewLayer, registry: Registry) -> tuple[_Scaling, ...]:
+def _scaling(header: ExrHeader, view_layer: bpy.types.ViewLayer) -> tuple[_Scaling, ...]:
     """Those of a view layer that are in use: not a second shadow that was baked to be looked at."""
-    entries = header.json("strata:report").get("layers", ())
-    unused = {entry["name"] for entry in entries if not entry.get("joins", True)}
+    there = header.passes.get(view_layer.name, set())
+    entries = [
+        entry
+        for entry in header.json("strata:report").get("layers", ())
+        if entry.get("view_layer", view_layer.name) == view_layer.name and entry["name"] in there
+    ]
     return tuple(
-        _Scaling(name, name.removeprefix(f"{title} "), role)
+        _Scaling(entry["name"], entry["pass_name"], role)
         for role in _JOINED
-        for title in _titles(registry, role)
-        for name in sorted(header.passes.get(view_layer.name, set()) - unused)
-        if name.startswith(f"{title} ")
+        for entry in sorted(entries, key=lambda entry: entry["name"])
+        if entry.get("role") == role.value and entry["pass_name"] and entry.get("joins", True)
     )
 
 

@@ -93,7 +93,8 @@ class LayerReport:
     `neutral`: the frame does not need it, but others of the sequence do; `verdict`: how much of a measured
     error is to be seen (verdict.py), empty for others; `lowered_by`: settings that lower it, where it may be
     seen, and `advice` the same for a person; `joins`: not so where the picture takes the same from another
-    effect."""
+    effect; `role`: what it is to the picture (core/roles.py), and `pass_name` that of the lamp that it is of,
+    which the compositor's nodes are built from."""
 
     name: str
     effect: str
@@ -107,6 +108,8 @@ class LayerReport:
     lowered_by: tuple[str, ...] = ()
     advice: str = ""
     joins: bool = True
+    role: str = ""
+    pass_name: str = ""
 
     def to_json(self) -> dict[str, Any]:
         plain = {key: rounded(item) if isinstance(item, float) else item for key, item in vars(self).items()}
@@ -199,12 +202,22 @@ def report_of(
             _non_finite(images[layer.name]),
             errors.get(layer.name),
             joins=layer.joins,
+            role=layer.role.value,
+            pass_name=layer.pass_name,
             **_judged(layer, errors.get(layer.name), outline),
         )
         for layer in graph.layers
         if layer.effect
     ]
-    layers += (LayerReport(n.name, n.effect, n.light, 0.0, 0.0, 0, None, neutral=True) for n in neutral)
+    layers += (
+        LayerReport(
+            *(n.name, n.effect, n.light, 0.0, 0.0, 0, None),
+            neutral=True,
+            role=n.kind.role.value,
+            pass_name=n.pass_name,
+        )
+        for n in neutral
+    )
     places = {name: place for place, name in enumerate(order)}
     layers.sort(key=lambda layer: places.get(layer.name, len(places)))
     bpy = sys.modules.get("bpy")  # the Blender that this runs in, if it does; nothing here needs one

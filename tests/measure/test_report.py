@@ -46,7 +46,9 @@ NAMES = ["Soft Shadow Key", "Soft Shadow Fill"]
 def report(**changes) -> Report:
     node = Node(Step("soft_shadow/visibility"), "Key", (), {})
     layers = [
-        PlannedLayer(name, "soft_shadow", node, EFFECT.layers[0], None, name.split()[-1], Of.lamp(0))
+        PlannedLayer(
+            name, "soft_shadow", node, EFFECT.layers[0], None, name.split()[-1], Of.lamp(0), pass_name="K"
+        )
         for name in NAMES
     ]
     image = np.ones((540, 960), np.float32)
@@ -90,8 +92,10 @@ def test_json_has_the_documented_keys():
     assert document["warnings"] == ["twice", "once"]
     key, fill = document["layers"]
     assert list(key) == [
-        "name", "effect", "light", "seconds", "seconds_alone", "non_finite", "error", "verdict", "lowered_by",
+        "name", "effect", "light", "seconds", "seconds_alone", "non_finite", "error", "role", "pass_name",
+        "verdict", "lowered_by",
     ]  # fmt: skip
+    assert (key["role"], key["pass_name"]) == ("visibility", "K")
     assert (key["verdict"], key["lowered_by"]) == ("fine", [])
     assert key["error"] == {
         "metric": "weighted rmse", "value": 0.0112346, "ci95": [0.0101, 0.0122], "bias": -0.001, "p99": 0.05,

@@ -173,6 +173,8 @@ def test_plan_is_clean_json():
     plan = json.loads(strata("plan", SAMPLES / "courtyard.blend", "--json").stdout)
     assert {layer["light"] for layer in plan["layers"]} >= {"Sun"}
     assert all(layer["steps"] for layer in plan["layers"])
+    assert all(layer["joins"] and layer["role"] == "visibility" for layer in plan["layers"])
+    assert all(layer["name"] == f"Soft Shadow {layer['pass_name']}" for layer in plan["layers"])
     assert all(entry["reason"] for entry in plan["left_out"])
     text = strata("plan", SAMPLES / "courtyard.blend", "--size", "64x64").stdout
     assert f"{plan['layers'][0]['name']}: {' > '.join(plan['layers'][0]['steps'])}" in text

@@ -58,8 +58,6 @@ def dispatched(device, program: Shader, surface, value=(), channels: int = 4):
 
 # A coloured gobo before every lamp: what of its light passes, by the place alone.
 
-GOBO_KIND = LayerKind("Gobo", "RGB", of=Subject.LAMP, role=Role.FILTER)
-
 
 def _gobo(device, surface, colour):
     share = 0.5 + 0.5 * np.tanh(surface["position"][..., :1])
@@ -73,13 +71,18 @@ def _gobo_gpu(device, surface, colour):
 GOBO_STEP = Step("tiny gobo", cpu=_gobo, gpu=_gobo_gpu)
 
 
-def _run_gobo(recorder, outline, params):
-    for index in recorder.lamps_for(GOBO_KIND):
-        node = recorder.step(GOBO_STEP, points(recorder, outline), colour=(1.0, 0.25 + index, 0.125))
-        recorder.layer(GOBO_KIND, node, Of.lamp(index))
+def gobo(title: str, role: Role = Role.FILTER) -> Effect:
+    kind = LayerKind(title, "RGB", of=Subject.LAMP, role=role)
+
+    def run(recorder, outline, params):
+        for index in recorder.lamps_for(kind):
+            node = recorder.step(GOBO_STEP, points(recorder, outline), colour=(1.0, 0.25 + index, 0.125))
+            recorder.layer(kind, node, Of.lamp(index))
+
+    return effect(title.lower(), (kind,), run)
 
 
-GOBO = effect("gobo", (GOBO_KIND,), _run_gobo)
+GOBO = gobo("Gobo")
 
 # A second way to shadow a lamp: half of its light arrives, everywhere.
 

@@ -8,9 +8,9 @@ from strata.addon.layers.compositor import build
 from strata.addon.layers.exr import write_layers
 from strata.addon.planning import Options
 from strata.tests.layers.compositor.scene import COMBINED, GROUP, SIZE, composited, lamps
-from strata.tests.support.tiny_effects import GOBO, HALF_SHADOW, registry
+from strata.tests.support.tiny_effects import GOBO, HALF_SHADOW, gobo, registry
 
-ALL = registry(GOBO, HALF_SHADOW)
+ALL = registry(GOBO, HALF_SHADOW, gobo("Soft"))
 
 
 def baked(scene, tmp_path, *effects: str, **options):
@@ -48,6 +48,12 @@ def test_a_lamp_that_only_has_a_filter_keeps_its_shadow(scene, tmp_path):
     assert all(lamp.data.use_shadow for lamp in lamps(scene).values())
     expected = COMBINED + GROUP * sum(found["gobo"] - 1.0 for found in of_lamps.values())
     np.testing.assert_allclose(composited(scene, tmp_path)[:, :, :3], expected, atol=1e-6)
+
+
+def test_a_filter_whose_name_begins_as_a_shadows_is_no_part_of_it(scene, tmp_path):
+    made, of_lamps = baked(scene, tmp_path, "soft_shadow", "soft")
+    assert not made.apart
+    assert len(made.joined) == sum(map(len, of_lamps.values()))
 
 
 def test_of_two_shadows_of_a_lamp_one_is_joined(scene, tmp_path):
