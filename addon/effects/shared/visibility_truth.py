@@ -76,72 +76,93 @@ SCORE = VisibilityScore(evaluate, screened, unshadowed)
 """Of every layer that is a lamp's visibility."""
 
 
+# Below one column is a point: numbers of rays are (2 samples, N), their vectors (3, 2 samples, N), so that
+# numpy's inner loops run over many points, not over a few samples or three coordinates.
+
+
 def _evaluate(rays, emitter, casters, points, part, samples, generator):
-    position = points.position[part].astype(np.float64)
-    geometric_normal = points.geometric_normal[part].astype(np.float64)
-    shading_normal = points.shading_normal[part].astype(np.float64)
-    valid = np.isfinite(position).all(1) & np.isfinite(geometric_normal).all(1)
-    valid &= np.isfinite(shading_normal).all(1)
-    position = np.where(valid[:, None], position, 0.0)
-    geometric_normal = np.where(valid[:, None], geometric_normal, 0.0)
-    shading_normal = np.where(valid[:, None], shading_normal, 0.0)
+    vectors = [each[part] for each in (points.position, points.geometric_normal, points.shading_normal)]
+    vectors = np.array(vectors, np.float64).transpose(0, 2, 1).copy()
+    valid = np.isfinite(vectors).all((0, 1))
+    vectors[..., ~valid] = 0.0
+    position, geometric_normal, shading_normal = vectors
 
-    position += LIFT * np.abs(position).max(1, keepdims=True) * geometric_normal
-    world = position + points.eye
+    position += LIFT * np.abs(position).max(0) * geometric_normal
+    world = position + _column(points.eye)
     sample = _SAMPLERS[emitter.kind]
-    unit_square = np.concatenate([_stratified(len(world), samples, generator) for _ in range(2)], 1)
-    # (N, 2 * samples): from here on one row a point, first half, then second half.
-    direction, distance, measure = sample(emitter, world, unit_square)
-    cosine = np.maximum(np.einsum("nsc,nc->ns", direction, shading_normal), 0.0)
-    weight = measure * cosine * _relative_radiance(emitter, direction)
-    weight = np.where(valid[:, None] & np.isfinite(weight), weight, 0.0)
+    halves = [_stratified(len(valid), samples, generator) for _ in range(2)]
+    # First half, then second half.
+    direction, distance, measure = sample(emitter, world, np.concatenate(halves, 1))
+    weight = measure * np.maximum(_dot(direction, shading_normal), 0.0)
+    if (radiance := _relative_radiance(emitter, direction)) is not None:
+        weight *= radiance
+    weight = np.where(valid & np.isfinite(weight), weight, 0.0)
 
-    leaves = np.einsum("nsc,nc->ns", direction, geometric_normal) > 0.0
-    traced = leaves & (weight > 0.0)
-    origins = np.repeat((world - rays.origin).astype(np.float32), 2 * samples, axis=0)
+    traced = (_dot(direction, geometric_normal) > 0.0) & (weight > 0.0)
+    origins = _by_point(world.T - rays.origin)
     occluded = rays.occluded(
         casters,
-        origins,
-        np.ascontiguousarray(direction.reshape(-1, 3), np.float32),
-        np.where(traced, distance, 0.0).astype(np.float32).reshape(-1),
+        np.repeat(origins, 2 * samples, axis=0),
+        _by_point(direction.T).reshape(-1, 3),
+        _by_point(np.where(traced, distance, 0.0).T).reshape(-1),
     )
-    arrives = weight * (traced & ~occluded.reshape(traced.shape))
-    arrives = arrives.reshape(-1, 2, samples).sum(2)
-    total = weight.reshape(-1, 2, samples).sum(2)
+    free = traced & ~occluded.reshape(len(valid), 2 * samples).T
+    arrives = (weight * free).reshape(2, samples, -1).sum(1)
+    total = weight.reshape(2, samples, -1).sum(1)
     lit = total > 0.0
-    return np.where(lit, arrives / np.where(lit, total, 1.0), 1.0), total.sum(1) / (2 * samples)
+    return np.where(lit, arrives / np.where(lit, total, 1.0), 1.0).T, total.sum(0) / (2 * samples)
+
+
+def _by_point(values: np.ndarray) -> np.ndarray:
+    """Rows of points one after the other, as rays of one origin are fastest."""
+    return np.ascontiguousarray(values, np.float32)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Of vectors whose coordinates are first."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _length(vectors: np.ndarray) -> np.ndarray:
+    return np.sqrt(_dot(vectors, vectors))
 
 
 def _stratified(count: int, samples: int, generator: np.random.Generator) -> np.ndarray:
-    """(count, samples, 2) in [0, 1): one sample in each cell of a grid of rows x columns = samples."""
+    """(2, samples, count) in [0, 1): one sample in each cell of a grid of rows x columns = samples."""
     rows = next(r for r in range(math.isqrt(samples), 0, -1) if samples % r == 0)
     columns = samples // rows
-    jitter = generator.random((count, samples, 2))
+    jitter = generator.random((count, samples, 2)).transpose(2, 1, 0).copy()
     row, column = np.divmod(np.arange(samples), columns)
-    return (jitter + np.stack([column, row], 1)) / np.array([columns, rows])
+    return (jitter + np.stack([column, row])[..., None]) / np.array([columns, rows]).reshape(2, 1, 1)
 
 
 def _on_disk(square: np.ndarray) -> np.ndarray:
     """Uniform on the unit disk, in polar coordinates: u is the angle, v the area inside."""
-    radius, angle = np.sqrt(square[..., 1]), 2.0 * np.pi * square[..., 0]
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
+    radius, angle = np.sqrt(square[1]), 2.0 * np.pi * square[0]
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)])
 
 
 def _across(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors (N, 3) perpendicular to unit `axes` (N, 3) and to each other."""
-    helper = np.where(np.abs(axes[:, :1]) < 0.6, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    first = np.cross(axes, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return first, np.cross(axes, first)
+    """Two unit vectors (3, N) perpendicular to unit `axes` (3, N) and to each other."""
+    helper = np.where(np.abs(axes[0]) < 0.6, [[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]])
+    first = np.cross(axes, helper, axis=0)
+    first /= _length(first)
+    return first, np.cross(axes, first, axis=0)
+
+
+def _column(vector) -> np.ndarray:
+    """(3, 1): the same for all points."""
+    return np.array(vector, np.float64)[:, None]
 
 
 def _to_plane(to_centre, plan, right, up, normal, area):
-    """Directions, distances and cos dA / distance^2 at the light of samples `plan` (N, S, 2), metres from the
-    centre along right and up. `right`, `up`, `normal`, `to_centre` (N, 3); `area` (N, 1), square metres."""
-    spoke = to_centre[:, None] + plan[..., :1] * right[:, None] + plan[..., 1:] * up[:, None]
-    distance = np.sqrt(np.einsum("nsc,nsc->ns", spoke, spoke))
-    direction = spoke / np.maximum(distance, 1e-30)[..., None]
-    facing = np.maximum(-np.einsum("nsc,nc->ns", direction, normal), 0.0)
+    """Directions, distances and cos dA / distance^2 at the light of samples `plan` (2, S, N), metres from the
+    centre along right and up. `right`, `up`, `normal`, `to_centre` (3, N); `area` (N,), square metres."""
+    x, y = plan
+    spoke = np.stack([to_centre[k] + x * right[k] + y * up[k] for k in range(3)])
+    distance = _length(spoke)
+    direction = spoke / np.maximum(distance, 1e-30)
+    facing = np.maximum(-_dot(direction, normal), 0.0)
     return direction, distance, facing / np.maximum(distance, 1e-15) ** 2 * area
 
 
@@ -152,74 +173,71 @@ def _side(half: float) -> float:
 
 def _sample_area(emitter, world, square):
     """One-sided; with spread, only the part of the light that can shine on the point is sampled."""
-    count = len(world)
-    right, up, normal = (np.tile(v, (count, 1)) for v in (emitter.right, emitter.up, emitter.forward))
-    to_centre = np.array(emitter.centre) - world
-    halves = np.array([emitter.half_width, emitter.half_height])
+    right, up, normal = (_column(v) for v in (emitter.right, emitter.up, emitter.forward))
+    to_centre = _column(emitter.centre) - world
+    halves = np.array([[emitter.half_width], [emitter.half_height]])
     is_ellipse = emitter.kind == EmitterKind.ELLIPSE
     if is_ellipse and not math.isfinite(emitter.tan_half_spread):
         shape = np.pi / 4.0 if halves.any() else 1.0
-        area = np.full((count, 1), shape * _side(halves[0]) * _side(halves[1]))
-        return _to_plane(to_centre, _on_disk(square) * halves, right, up, normal, area)
-    foot = np.stack([-np.einsum("nc,nc->n", to_centre, v) for v in (right, up)], 1)
-    reach = -np.einsum("nc,nc->n", to_centre, normal)[:, None] * emitter.tan_half_spread
+        area = shape * _side(emitter.half_width) * _side(emitter.half_height)
+        return _to_plane(to_centre, _on_disk(square) * halves[..., None], right, up, normal, area)
+    foot = np.stack([-_dot(to_centre, v) for v in (right, up)])
+    reach = -_dot(to_centre, normal) * emitter.tan_half_spread
     reach = np.where(reach > 0.0, reach, np.inf)
     low = np.clip(foot - reach, -halves, halves)
     high = np.clip(foot + reach, -halves, halves)
     plan = low[:, None] + (high - low)[:, None] * square
     sides = np.where(halves > 0.0, high - low, 1.0)
-    direction, distance, measure = _to_plane(to_centre, plan, right, up, normal, sides.prod(1, keepdims=True))
+    direction, distance, measure = _to_plane(to_centre, plan, right, up, normal, sides.prod(0))
     if is_ellipse and halves.all():
-        measure = np.where(np.square(plan / halves).sum(-1) <= 1.0, measure, 0.0)
+        measure = np.where(np.square(plan / halves[..., None]).sum(0) <= 1.0, measure, 0.0)
     return direction, distance, measure
 
 
 def _sample_facing_disk(emitter, world, square):
-    to_centre = np.array(emitter.centre) - world
-    towards = to_centre / np.maximum(np.linalg.norm(to_centre, axis=1, keepdims=True), 1e-30)
+    to_centre = _column(emitter.centre) - world
+    towards = to_centre / np.maximum(_length(to_centre), 1e-30)
     right, up = _across(towards)
     radius = emitter.half_width
-    area = np.full((len(world), 1), np.pi * radius**2 if radius > 0.0 else 1.0)
+    area = np.pi * radius**2 if radius > 0.0 else 1.0
     return _to_plane(to_centre, _on_disk(square) * radius, right, up, -towards, area)
 
 
 def _sample_sphere(emitter, world, square):
     """Uniform in solid angle over the cap in sight, from inside over all directions; up to its surface."""
-    to_centre = np.array(emitter.centre) - world
-    distance = np.maximum(np.linalg.norm(to_centre, axis=1), 1e-30)
-    axis = to_centre / distance[:, None]
+    to_centre = _column(emitter.centre) - world
+    distance = np.maximum(_length(to_centre), 1e-30)
+    axis = to_centre / distance
     radius = emitter.half_width
     if radius <= 0.0:
-        shape = square.shape[:2]
-        direction = np.broadcast_to(axis[:, None], (*shape, 3))
-        far = np.broadcast_to(distance[:, None], shape)
+        shape = square.shape[1:]
+        direction = np.broadcast_to(axis[:, None], (3, *shape))
+        far = np.broadcast_to(distance, shape)
         return direction, far, 1.0 / far**2
     sine = radius / distance
     inside = sine >= 1.0
     # 1 - cos of the cap's half angle, by half-angle formulas: 2 sin(a / 2)^2.
     height = np.where(inside, 2.0, 2.0 * np.sin(0.5 * np.arcsin(np.minimum(sine, 1.0))) ** 2)
-    below = height[:, None] * square[..., 1]
+    below = height * square[1]
     cosine, across = 1.0 - below, np.sqrt(below * (2.0 - below))
-    angle = 2.0 * np.pi * square[..., 0]
+    angle = 2.0 * np.pi * square[0]
     right, up = _across(axis)
-    direction = (
-        cosine[..., None] * axis[:, None]
-        + (across * np.cos(angle))[..., None] * right[:, None]
-        + (across * np.sin(angle))[..., None] * up[:, None]
-    )
-    chord = np.sqrt(np.maximum(radius**2 - (distance[:, None] * across) ** 2, 0.0))
-    far = distance[:, None] * cosine + np.where(inside[:, None], chord, -chord)
-    return direction, far, np.broadcast_to(2.0 * np.pi * height[:, None], far.shape)
+    x, y = across * np.cos(angle), across * np.sin(angle)
+    direction = np.stack([cosine * axis[k] + x * right[k] + y * up[k] for k in range(3)])
+    chord = np.sqrt(np.maximum(radius**2 - (distance * across) ** 2, 0.0))
+    far = distance * cosine + np.where(inside, chord, -chord)
+    return direction, far, np.broadcast_to(2.0 * np.pi * height, far.shape)
 
 
 def _sample_distant_disk(emitter, world, square):
     """Uniform radiance over the directions; a disk one metre away has cos^3 of its area as solid angle."""
     tangent = emitter.half_width
-    plan = _on_disk(square) * tangent
-    spoke = -np.array(emitter.forward) + plan[..., :1] * emitter.right + plan[..., 1:] * emitter.up
-    length = np.linalg.norm(spoke, axis=-1)
+    x, y = _on_disk(square) * tangent
+    axes = zip(emitter.forward, emitter.right, emitter.up, strict=True)
+    spoke = np.stack([-forward + x * right + y * up for forward, right, up in axes])
+    length = _length(spoke)
     measure = (np.pi * tangent**2 if tangent > 0.0 else 1.0) / length**3
-    return spoke / length[..., None], np.full(length.shape, np.inf), measure
+    return spoke / length, np.full(length.shape, np.inf), measure
 
 
 _SAMPLERS = {
@@ -231,15 +249,16 @@ _SAMPLERS = {
 }
 
 
-def _relative_radiance(emitter: Emitter, direction: np.ndarray) -> np.ndarray | float:
-    """Towards the points, for directions (N, S, 3) to the light; core/emitter.py has the formulas."""
+def _relative_radiance(emitter: Emitter, direction: np.ndarray) -> np.ndarray | None:
+    """Towards the points, for directions (3, S, N) to the light, None: 1 throughout; core/emitter.py has the
+    formulas."""
     tangent, cone = emitter.tan_half_spread, emitter.cos_cone
     if math.isinf(tangent) and cone <= -1.0:
-        return 1.0
+        return None
     # sin by the cross product: exact for small angles, where 1 - cos^2 cancels.
-    axis = np.array(emitter.forward, np.float64)
-    cosine = -direction @ axis
-    sine = np.linalg.norm(np.cross(direction, axis), axis=-1)
+    (x, y, z), (a, b, c) = direction, emitter.forward
+    cosine = -_dot(direction, emitter.forward)
+    sine = _length((y * c - z * b, z * a - x * c, x * b - y * a))
     radiance = np.ones_like(cosine)
     if not math.isinf(tangent):
         slope = np.where(cosine > 0.0, sine / np.maximum(cosine, 1e-30), np.inf)
