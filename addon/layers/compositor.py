@@ -11,7 +11,7 @@ import bpy
 from ..core.culling import UNREACHED, WITHOUT_CASTERS
 from ..core.effect import Registry
 from ..core.errors import StrataError
-from ..core.roles import Role
+from ..core.roles import PRODUCT, Role
 from ..effects.registry import EFFECTS
 from ..scene import light_groups
 from ..scene.light_groups import Division
@@ -32,8 +32,6 @@ from .shadow_nodes import (
 )
 
 _NO_LAMP = "no lamp that renders has it"
-_JOINED = (Role.FILTER, Role.VISIBILITY)
-"""Roles of what is multiplied onto a lamp's light group, in this order."""
 
 
 def _titles(registry: Registry, role: Role) -> tuple[str, ...]:
@@ -160,7 +158,7 @@ def _scaling(header: ExrHeader, view_layer: bpy.types.ViewLayer) -> tuple[_Scali
     ]
     return tuple(
         _Scaling(entry["name"], entry["pass_name"], role)
-        for role in _JOINED
+        for role in PRODUCT
         for entry in sorted(entries, key=lambda entry: entry["name"])
         if entry.get("role") == role.value and entry["pass_name"] and entry.get("joins", True)
     )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from strata.addon.bake import bake
+from strata.addon.core.roles import Role
 from strata.addon.layers.compositor import build
 from strata.addon.layers.exr import write_layers
 from strata.addon.planning import Options
 from strata.tests.layers.compositor.scene import COMBINED, GROUP, SIZE, composited, lamps
 from strata.tests.support.tiny_effects import GOBO, HALF_SHADOW, gobo, registry
 
-ALL = registry(GOBO, HALF_SHADOW, gobo("Soft"))
+ALL = registry(GOBO, HALF_SHADOW, gobo("Soft"), gobo("Smoke", Role.TRANSMITTANCE))
 
 
 def baked(scene, tmp_path, *effects: str, **options):
@@ -47,6 +48,14 @@ def test_a_lamp_that_only_has_a_filter_keeps_its_shadow(scene, tmp_path):
     assert not made.switched
     assert all(lamp.data.use_shadow for lamp in lamps(scene).values())
     expected = COMBINED + GROUP * sum(found["gobo"] - 1.0 for found in of_lamps.values())
+    np.testing.assert_allclose(composited(scene, tmp_path)[:, :, :3], expected, atol=1e-6)
+
+
+def test_what_a_lamps_light_passes_is_multiplied_onto_its_group_too(scene, tmp_path):
+    made, of_lamps = baked(scene, tmp_path, "smoke")
+    assert len(made.joined) == len(of_lamps)
+    assert not made.others
+    expected = COMBINED + GROUP * sum(found["smoke"] - 1.0 for found in of_lamps.values())
     np.testing.assert_allclose(composited(scene, tmp_path)[:, :, :3], expected, atol=1e-6)
 
 
