@@ -73,6 +73,7 @@ class BakeJob:
         self._read_seconds = read_seconds
         self._coarse_picture_seconds: list[float] = []  # by shot
         self._held = held_bytes()
+        self._layers_bytes = 0  # of finished shots
         self.memory: MemoryEstimate | None = None  # told once the coarse picture has been taken
         self._results: list[Baked] = []
         self._failure: BaseException | None = None
@@ -154,7 +155,7 @@ class BakeJob:
         before = self._coarse_picture_seconds[number] + (0.0 if number else self._read_seconds)
         outline, options, graph = self.outline, self.options, self.graphs[number]
         later, sampling = self.graphs[number + 1 :], sampling_of(graph, options)
-        groups, self.memory = groups_of(outline, graph, options, self._held)
+        groups, self.memory = groups_of(outline, graph, options, self._held, self._layers_bytes)
         shortage = [self.memory.shortage] if self.memory.shortage else []
         cancelled = (*self.devices.primary.cancelled, *self.devices.fallback.cancelled)
         self._measuring = None
@@ -200,6 +201,7 @@ class BakeJob:
             has_picture=options.composite,
         )
         self._results.append(baked)
+        self._layers_bytes += self.memory.layers
 
     def _show_progress(self) -> None:
         """`progress` is the share of the expected time that has passed, and never falls. Faces count from

@@ -138,9 +138,11 @@ def _budget_bytes(options: Options) -> int:
 
 
 def groups_of(
-    outline: Outline, graph: Graph, options: Options, held: int
+    outline: Outline, graph: Graph, options: Options, held: int, layers_before: int = 0
 ) -> tuple[tuple[Graph, ...], MemoryEstimate]:
     """The graph in graphs that fit into the memory there is, and what a bake takes beside the `held` bytes
-    that the process had before."""
-    room = None if options.memory_bytes else ROOM_BYTES
-    return in_groups(graph, outline, sampling_of(graph, options), _budget_bytes(options), held, room)
+    that the process had before and `layers_before`, which a job's earlier shots hold."""
+    room, budget = None if options.memory_bytes else ROOM_BYTES, _budget_bytes(options)
+    if options.memory_bytes:  # of what is free, layers that are there take no part
+        budget = max(budget - layers_before, 0)
+    return in_groups(graph, outline, sampling_of(graph, options), budget, held + layers_before, room)

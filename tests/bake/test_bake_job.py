@@ -301,3 +301,15 @@ def test_a_shot_is_not_warned_of_what_another_takes():
     assert [len(each) for each in warnings] == [1, 1]
     assert all("over its budget" in each for (each,) in warnings)
     assert warnings[0] != warnings[1]
+
+
+def test_a_shot_has_the_memory_that_earlier_ones_leave_it():
+    outline, arrays = scene_of([FLOOR, PLATE], [lamp()])
+    shots = FROM_ABOVE, replace(FROM_ABOVE, name="Again")
+    options = Options(("soft_shadow",), "cpu", 1, 0, memory_bytes=1 << 30)
+    graphs = [plan_scene(outline, shot, options) for shot in shots]
+    job = BakeJob(outline, graphs, arrays, options)
+    first, second = (baked.report.memory for baked in job.results())
+    assert first.layers > 0
+    assert second.held == first.held + first.layers
+    assert second.budget == first.budget - first.layers
