@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import ctypes
-import os
-import sys
 import time
 from collections.abc import Iterable, Sequence
 from threading import Event
@@ -15,16 +12,17 @@ from weakref import WeakSet
 import numpy as np
 
 from ..core.arrays import Arrays, Placed, bytes_of
-from ..core.errors import Cancelled, DeviceUnavailable
+from ..core.errors import Cancelled
 from ..core.outline import Outline
 from ..core.shader import Shader
 from ..core.uniforms import Uniforms
+from .gpu_context import started
 from .gpu_crop import cropped
 from .gpu_geometry import GpuGeometry
 from .gpu_image import TABLE_WIDTH, GpuImage, from_texels, stack_columns, texture_format, to_texels
 from .gpu_image import texture_size as size_of
 from .gpu_meshes import GpuMeshes
-from .gpu_shader import captured_output, compiled
+from .gpu_shader import compiled
 
 SPLIT_TO_INTEGER = Shader(
     "effects/shared/split_to_integer.glsl",
@@ -61,7 +59,7 @@ class GpuDevice:
         self._meshes: GpuMeshes | None = None
         self._kept: dict[str, Any] = {}
         self._images: WeakSet[GpuImage] = WeakSet()
-        self._gpu = _started()
+        self._gpu = started()
         _alive.add(self)
         atexit.unregister(free_all)  # once, and anew after free_all
         atexit.register(free_all)
@@ -361,46 +359,3 @@ def _mapped(value: Any, function) -> Any:
     if isinstance(value, (tuple, list)):
         return type(value)(function(item) for item in value)
     return value
-
-
-def _started():
-    """The gpu module, ready. Raises DeviceUnavailable saying why not."""
-    if os.environ.get("STRATA_DISABLE_GPU") == "1":
-        raise DeviceUnavailable("STRATA_DISABLE_GPU=1 is set")
-    if "bpy" not in sys.modules:
-        raise DeviceUnavailable("Blender is not running in this Python (import bpy first)")
-    import gpu
-
-    if _answers(gpu):
-        return gpu
-    if not hasattr(gpu, "init"):
-        raise DeviceUnavailable("Blender before 5.2 has no GPU in background")
-    if sys.platform == "linux" and "vulkan" not in sys.argv and not _loads("libEGL.so.1"):
-        raise DeviceUnavailable("libEGL.so.1 is missing")  # gpu.init() would end the process, not raise
-    said = []
-    try:
-        with captured_output() as said:  # Mesa grumbles about EGL configurations that it skips
-            gpu.init()
-    except SystemError as error:
-        reason = ((said[0] if said else "") or str(error)).strip().splitlines()
-        raise DeviceUnavailable(reason[-1] if reason else "no context") from None
-    if not _answers(gpu):
-        raise DeviceUnavailable("the GPU module does not start")
-    return gpu
-
-
-def _loads(library: str) -> bool:
-    try:
-        ctypes.CDLL(library)
-    except OSError:
-        return False
-    return True
-
-
-def _answers(gpu) -> bool:
-    """Whether the module is ready: with an interface from the start, in background after `gpu.init()`."""
-    try:
-        gpu.platform.renderer_get()
-    except SystemError:
-        return False
-    return True

@@ -14,12 +14,12 @@ from ..planning import Options
 from ..scene.viewport import hides_objects, placement_of
 from ..ui.preview_settings import frame_budget_ms_of
 from ..ui.properties import options_of
-from . import caption, display, view_transform
+from . import caption
+from .picture_textures import PictureTextures
 from .session import Session
 from .viewport import Statistics, Viewport
 
 IDLE_SECONDS = 0.05
-MOST_TABLES = 4
 
 
 class _State:
@@ -29,10 +29,9 @@ class _State:
         self.scenes: set[int] = set()  # session ids of scenes that are watched
         self.rendered: set[int] = set()  # those that the engine draws, in viewports that are shaded so
         self.sessions: dict[tuple, Session] = {}
-        self.viewports: dict[int, Viewport] = {}  # these three by region
+        self.viewports: dict[int, Viewport] = {}  # by region, as what they show
         self.shown: dict[int, Session] = {}
-        self.textures: dict[int, tuple[Any, Any]] = {}  # a picture and how it is shown, and that as a texture
-        self.tables: dict[tuple, Any] = {}  # view transforms by signature: arrays, then textures
+        self.textures = PictureTextures()
         self.handles: list[Any] = []
         self.edits = 0  # counts what Blender tells of
         self.is_running = False
@@ -148,7 +147,7 @@ def draw(
     try:
         picture = _picture(context, region, space, region_3d, viewport)
         if picture is not None:
-            _show(context.scene, region, picture, is_overlay)
+            _state.textures.draw(context.scene, region, picture, is_overlay)
     except BaseException as error:  # a panic of the kernels is no Exception
         _failed(region.as_pointer(), error, asked)
 
@@ -170,19 +169,6 @@ def unregister() -> None:
         bpy.app.handlers.load_post.remove(_file_opened)
     _state.rendered.clear()
     disable()
-
-
-def _show(scene: bpy.types.Scene, region: bpy.types.Region, picture, is_overlay: bool) -> None:
-    style = (picture, is_overlay, None, 1.0)
-    if is_overlay and picture.is_colour:
-        style = (picture, True, _table(scene), view_transform.exposure_factor(scene))
-    kept = _state.textures.get(region.as_pointer())
-    if kept is None or any(a is not b and a != b for a, b in zip(kept[0], style, strict=True)):
-        shown = getattr(picture.pixels, "texture", None) or display.picture_texture(picture.pixels)
-        if is_overlay or not picture.is_colour:
-            shown = display.shown_texture(shown, 4 if picture.is_colour else 1, *style[2:])
-        kept = _state.textures[region.as_pointer()] = (style, shown)
-    display.draw_picture(kept[1], picture.place, (region.width, region.height), is_overlay)
 
 
 def _picture(context, region, space, region_3d, viewport: Viewport):
@@ -217,15 +203,6 @@ def _own(space: bpy.types.SpaceView3D) -> int:
     return space.as_pointer() if hides_objects(space) else 0
 
 
-def _table(scene: bpy.types.Scene):
-    """The texture of the scene's view transform; None until it has been read."""
-    signature = view_transform.signature(scene)
-    table = _state.tables.get(signature)
-    if hasattr(table, "shape"):
-        table = _state.tables[signature] = display.table_texture(table)
-    return table
-
-
 def _start() -> None:
     """Listens to Blender, if not yet."""
     if _state.is_running:
@@ -247,15 +224,14 @@ def _stop() -> None:
     for pointer in list(_state.viewports):
         _drop(pointer)
     _drop_sessions()
-    _state.tables.clear()
-    display.release()
+    _state.textures.clear()
 
 
 def _drop(pointer: int) -> None:
     """Frees what a region showed."""
     _state.viewports.pop(pointer).release()
     _state.shown.pop(pointer, None)
-    _state.textures.pop(pointer, None)
+    _state.textures.drop(pointer)
 
 
 def _drop_sessions() -> None:
@@ -381,7 +357,7 @@ def _tick() -> float | None:
             continue
         alive.add(pointer)
         try:
-            if is_on(scene) and not is_rendered and _read_table(scene):
+            if is_on(scene) and not is_rendered and _state.textures.read_view_transform(scene):
                 region.tag_redraw()
             wait = min(wait, _refine(scene, region))
         except BaseException as error:
@@ -409,14 +385,3 @@ def _refine(scene: bpy.types.Scene, region: bpy.types.Region) -> float:
     if _works_in_draw(_state.shown[pointer]) or _advance(scene, pointer):
         region.tag_redraw()
     return 0.0 if viewport.has_work else IDLE_SECONDS
-
-
-def _read_table(scene: bpy.types.Scene) -> bool:
-    """Whether the scene's view transform had to be read."""
-    signature = view_transform.signature(scene)
-    if signature in _state.tables:
-        return False
-    while len(_state.tables) >= MOST_TABLES:
-        del _state.tables[next(iter(_state.tables))]
-    _state.tables[signature] = view_transform.read(scene)
-    return True

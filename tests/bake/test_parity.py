@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from strata.addon.bake import bake
 from strata.addon.core.errors import StrataError
-from strata.addon.devices import gpu as gpu_module
-from strata.addon.devices import gpu_shader
+from strata.addon.devices import gpu_context, gpu_shader
 from strata.addon.devices.gpu import GpuDevice
 from strata.addon.planning import Options
 from strata.addon.scene.open import choose, open_blend
@@ -103,7 +102,7 @@ def test_a_gpu_that_does_not_start_leaves_the_bake_to_the_cpu(monkeypatch):
             raise SystemError("failed")
 
     monkeypatch.setitem(sys.modules, "gpu", Gpu)
-    monkeypatch.setattr(gpu_module, "_loads", lambda _library: True)
+    monkeypatch.setattr(gpu_context, "_loads", lambda _library: True)
     path = SAMPLES / "stacked.blend"
     found = baked(path, "auto", "bitmask")
     assert found.report["backend"] == "cpu"
