@@ -1,9 +1,11 @@
-"""Section "Many lamps": memory and time where lamps are worked off in groups, and where all are at once."""
+"""Section "Many lamps": memory and time where lamps are worked off in groups and where all are at once, and
+of few and many lamps."""
 
 from __future__ import annotations
 
 import json
 import random
+import resource
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -30,6 +32,7 @@ class Street:
 
 
 STREETS = (Street(5, (320, 180), 1),)
+FEW_AND_MANY = Street(2, (1920, 1080), 1), Street(60, (1920, 1080), 1)
 QUICK = (Street(2, (96, 54), 1),)
 
 
@@ -54,7 +57,7 @@ def build(lamps: int) -> bpy.types.Scene:
 
 
 def bake_here(street: Street, budget: int) -> dict:
-    """The report of a bake in this process."""
+    """The report of a bake in this process, and its CPU seconds."""
     scene = build(street.lamps)
     options = Options(
         effects=EFFECTS,
@@ -63,7 +66,14 @@ def bake_here(street: Street, budget: int) -> dict:
         values={"volumetric_light": {"use_scene_medium": False}},
         memory_bytes=budget,
     )
-    return bake(scene, scene.view_layers[0], options, size=street.size).layers.report
+    before = _cpu_seconds()
+    report = bake(scene, scene.view_layers[0], options, size=street.size).layers.report
+    return report | {"cpu_seconds": _cpu_seconds() - before}
+
+
+def _cpu_seconds() -> float:
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return used.ru_utime + used.ru_stime
 
 
 def bake_apart(street: Street, budget: int) -> dict:
@@ -86,7 +96,7 @@ def tables(streets: tuple[Street, ...]) -> str:
             report = bake_apart(street, budget)
             told, seconds = report["memory"], report["seconds"] / street.lamps
             first = first or seconds
-            peak = report["peak_mb"] / MEBIBYTES_OF_A_GIGABYTE
+            peak = _peak_gb(report)
             rows.append(
                 (
                     street.lamps,
@@ -102,3 +112,29 @@ def tables(streets: tuple[Street, ...]) -> str:
             )
     header = ["lamps", "image", "memory", "groups", "told, GB", "peak, GB", "peak less layers, GB"]
     return table([*header, "s a lamp", "over all at once"], rows)
+
+
+def _peak_gb(report: dict) -> float:
+    return report["peak_mb"] / MEBIBYTES_OF_A_GIGABYTE
+
+
+def few_and_many(streets: tuple[Street, ...]) -> str:
+    """Of each street, one bake with an automatic budget."""
+    rows = []
+    for street in streets:
+        report = bake_apart(street, BUDGETS["automatic"])
+        told, peak = report["memory"], _peak_gb(report)
+        layers_gb = told["layers_bytes"] / 1e9
+        rows.append(
+            (
+                street.lamps,
+                len(report["layers"]),
+                f"{layers_gb:.2f}",
+                f"{told['bytes'] / 1e9:.2f}",
+                f"{peak:.2f}",
+                f"{peak - layers_gb:.2f}",
+                significant(report["cpu_seconds"] / street.lamps, 3),
+            )
+        )
+    header = ["lamps", "layers", "layers, GB", "told, GB", "peak, GB", "peak less layers, GB", "CPU s a lamp"]
+    return table(header, rows)

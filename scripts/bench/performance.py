@@ -2,6 +2,7 @@
 
 python -m strata.scripts.bench.performance              everything (about ten minutes on two cores)
 python -m strata.scripts.bench.performance race passes  these sections only
+python -m strata.scripts.bench.performance sixty_lamps  only when named (a quarter of an hour of two cores)
 python -m strata.scripts.bench.performance --quick      tiny settings, printed: whether it still runs
 """
 
@@ -74,6 +75,11 @@ def run_lamps(folder: Path, quick: bool) -> str:
     return lamps.tables(lamps.QUICK if quick else lamps.STREETS)
 
 
+def run_sixty_lamps(folder: Path, quick: bool) -> str:
+    """Memory and time of a few lamps and of many."""
+    return lamps.few_and_many(lamps.QUICK if quick else lamps.FEW_AND_MANY)
+
+
 def run_measuring(folder: Path, quick: bool) -> str:
     """What measuring adds to bakes."""
     return measuring.tables(quick)
@@ -98,12 +104,15 @@ def run_files(folder: Path, quick: bool) -> str:
     return files.run(folder, *(((240, 135), 1) if quick else ((3840, 2160), 3)))
 
 
+LONG = ("sixty_lamps",)
+
 SECTIONS = {
     "race": run_race,
     "passes": run_passes,
     "goals": run_goals,
     "idle": run_idle,
     "lamps": run_lamps,
+    "sixty_lamps": run_sixty_lamps,
     "measuring": run_measuring,
     "volumetric": run_volumetric,
     "toon": run_toon,
@@ -113,7 +122,7 @@ SECTIONS = {
 
 def main() -> None:
     """Reads the command line."""
-    sections, quick = read_sections(__doc__, SECTIONS)
+    sections, quick = read_sections(__doc__, SECTIONS, LONG)
     with tempfile.TemporaryDirectory() as folder:
         for name in ("machine", *sections):
             text = SECTIONS[name](Path(folder), quick) if name in SECTIONS else machine.description()
