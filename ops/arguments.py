@@ -13,7 +13,7 @@ from ..addon.core.params import ParamSpec
 from ..addon.core.weight import Weight
 from ..addon.layers.exr_params import ExrParams
 from ..addon.layers.numbered import Placeholder
-from ..addon.layers.paths import NEVER_SAVED, beside, exr_path, safe_name
+from ..addon.layers.paths import NEVER_SAVED, exr_path, resolved, safe_name
 
 MOST_FRAMES = 100_000
 LARGEST_SIDE = 32_768
@@ -171,8 +171,8 @@ def read_outputs(arguments: argparse.Namespace, frame_list: tuple[int, ...], ble
     folder = blend and blend.parent
     # Names of folders get a number themselves where there are several frames.
     name = (safe_name(blend.stem) if blend else NEVER_SAVED) + ("_####" if len(frame_list) > 1 else "")
-    arguments.output = output = Placeholder(exr_path(beside(arguments.output, folder), name))
-    report = arguments.report and Placeholder(beside(arguments.report, folder))
+    arguments.output = output = Placeholder(exr_path(resolved(arguments.output, folder), name))
+    report = arguments.report and Placeholder(resolved(arguments.report, folder))
     arguments.report = report
     for flag, target in (("-o", output), ("--report", report)):
         if target and len(frame_list) > 1 and not target.is_numbered:

@@ -76,13 +76,13 @@ def build(
     scene: bpy.types.Scene,
     paths: Mapping[bpy.types.ViewLayer, Path],
     is_sequence: bool,
-    is_beside: bool,
+    is_relative: bool,
     registry: Registry = EFFECTS,
 ) -> Built:
     """Makes the nodes, or makes them anew where they are already; gives each joined lamp a light group where
     it has none, and switches its own shadow off. A user's groups, nodes and links stay: what the Render
     Layers' image went to now gets it by way of the shadows. `paths`: the file of each view layer that
-    renders, which may be missing or be that of others too; `is_beside`: files are looked for beside the
+    renders, which may be missing or be that of others too; `is_relative`: files are looked for beside the
     Blender file. Raises StrataError, with nothing changed, where nothing can be joined.
     """
     headers = {layer: header_of(path) for layer, path in paths.items() if path.is_file()}
@@ -104,7 +104,7 @@ def build(
         switched, given_back = light_groups.apply(division, scene)
         tree = scene.compositing_node_group or new_tree(scene, layers[0])
         for layer in layers:
-            image = load_file(paths[layer], is_sequence, is_beside)
+            image = load_file(paths[layer], is_sequence, is_relative)
             join(tree, scene, layer, image, joined[layer], is_sequence)
         for layer in paths:
             if layer not in joined:

@@ -31,7 +31,7 @@ def variables(text: str) -> set[str]:
     return {name.partition(":")[0] for name in found if name is not None}
 
 
-def beside(text: str, folder: Path | None) -> str:
+def resolved(text: str, folder: Path | None) -> str:
     """With `//` at its start, as Blender means it: the .blend's folder, None where it was never saved. Raises
     StrataError."""
     if not text.startswith("//"):

@@ -20,9 +20,9 @@ _GUIDES = {"Denoising Albedo": "Albedo", "Denoising Normal": "Normal"}
 _STEP = 200  # of the grid that nodes are laid out on
 
 
-def load_file(path: Path, is_sequence: bool, is_beside: bool) -> bpy.types.Image:
+def load_file(path: Path, is_sequence: bool, is_relative: bool) -> bpy.types.Image:
     image = bpy.data.images.load(str(path), check_existing=True)
-    if is_beside:
+    if is_relative:
         image.filepath = bpy.path.relpath(str(path))
     source = "SEQUENCE" if is_sequence else "FILE"
     if image.source != source:

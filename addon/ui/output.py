@@ -25,7 +25,7 @@ def output_of(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, given: st
     """The absolute path that a view layer is baked to: `given` as it stands, or the scene's own, which may
     have templates. Raises StrataError."""
     own = scene.strata.output
-    if not bpy.data.filepath and (given.startswith("//") if given else _is_beside(own)):
+    if not bpy.data.filepath and (given.startswith("//") if given else _is_relative(own)):
         raise StrataError(
             "the output is beside the Blender file, which was never saved: save it, or save to images only"
         )
@@ -54,10 +54,10 @@ def waits_for_saving(scene: bpy.types.Scene) -> bool:
     """Whether the file to bake to lies beside a Blender file that was never saved, and there are images to go
     to until then."""
     settings = scene.strata
-    return settings.save_to == "BOTH" and _is_beside(settings.output) and not bpy.data.filepath
+    return settings.save_to == "BOTH" and _is_relative(settings.output) and not bpy.data.filepath
 
 
-def _is_beside(own: str) -> bool:
+def _is_relative(own: str) -> bool:
     """Whether a scene's output is told from where the Blender file lies."""
     return own.startswith("//") or "blend_dir" in variables(own)
 

@@ -9,7 +9,7 @@ import bpy
 from ..core.effect import Effect
 from ..core.naming import ENGINE_ID
 from ..effects.registry import EFFECTS
-from . import draw, plot, presets, rows, told, watching
+from . import bake_warnings, draw, plot, presets, rows, watching
 from .registration import Classes
 from .state import STATE
 
@@ -179,7 +179,7 @@ class STRATA_PT_active_light(_OwnSettings, _Sidebar, bpy.types.Panel):
 
 _classes = Classes(
     STRATA_MT_preview_layer,
-    *_in_both("told", "Scene", told.told, is_open=True, has_header=False),
+    *_in_both("told", "Scene", bake_warnings.draw_bake_warnings, is_open=True, has_header=False),
     STRATA_PT_preview,
     STRATA_PT_preview_settings,
     *_in_both("bake", "Bake", _bake, is_open=True),

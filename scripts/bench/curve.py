@@ -24,7 +24,3 @@ class Curve:
         piece = int(np.clip(np.searchsorted(x, at) - 1, 0, len(x) - 2))
         slope = (y[piece + 1] - y[piece]) / (x[piece + 1] - x[piece])
         return float(np.exp(y[piece] + slope * (at - x[piece]))), within
-
-    def error_at(self, seconds: float) -> float:
-        """The error that this much time buys."""
-        return Curve(self.errors, self.seconds).seconds_at(seconds)[0]

@@ -29,7 +29,7 @@ def comic(size: tuple[int, int], **values) -> Image.Image:
     return Image.fromarray(np.ascontiguousarray(srgb(picture)[::-1]))
 
 
-def beside(crop: tuple[int, int, int, int], choices: dict[str, dict]) -> Image.Image:
+def side_by_side(crop: tuple[int, int, int, int], choices: dict[str, dict]) -> Image.Image:
     """The same part of the comic with different settings, labelled."""
     width, height = crop[2] - crop[0], crop[3] - crop[1]
     sheet = Image.new("RGB", (len(choices) * (width + GAP) - GAP, height + LABEL), "#15171c")
@@ -46,11 +46,11 @@ def main() -> None:
     IMAGES.mkdir(parents=True, exist_ok=True)
     comic((1280, 720)).save(IMAGES / "toon.png", optimize=True)
     inner = {"object_lines": True, "crease_angle": 0.8}
-    beside((0, 40, 400, 400), {"hull alone": {}, "object lines, creases": inner}).save(
+    side_by_side((0, 40, 400, 400), {"hull alone": {}, "object lines, creases": inner}).save(
         IMAGES / "failure_toon_lines.png", optimize=True
     )
     surface = {"halftone_anchor": "surface", "halftone_cell_m": 0.06}
-    beside((420, 40, 780, 400), {"dots on the screen": {}, "dots on the surface": surface}).save(
+    side_by_side((420, 40, 780, 400), {"dots on the screen": {}, "dots on the surface": surface}).save(
         IMAGES / "failure_toon_dots.png", optimize=True
     )
 

@@ -13,7 +13,7 @@ from strata.addon.core.errors import StrataError
 from strata.addon.layers import files, paths
 from strata.addon.layers.images import image_of
 from strata.addon.layers.numbered import Placeholder
-from strata.addon.layers.paths import beside, expanded, exr_path
+from strata.addon.layers.paths import expanded, exr_path, resolved
 from strata.addon.scene.open import open_blend
 from strata.addon.ui import asked as ui_asked
 from strata.addon.ui import output as ui_output
@@ -76,8 +76,8 @@ def test_every_text_is_the_path_of_an_openexr(tmp_path):
         assert exr_path(f"{tmp_path}/{text}", "name") == str(tmp_path / expected), text
     with pytest.raises(StrataError, match="no file"):
         exr_path("", "name")
-    assert beside("//a.exr", tmp_path) == str(tmp_path / "a.exr")
-    assert beside("/a.exr", None) == "/a.exr"
+    assert resolved("//a.exr", tmp_path) == str(tmp_path / "a.exr")
+    assert resolved("/a.exr", None) == "/a.exr"
 
 
 def test_endings_are_blenders():

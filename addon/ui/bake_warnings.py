@@ -10,7 +10,7 @@ from .draw import text
 from .state import STATE
 
 
-def told(layout: bpy.types.UILayout, context) -> None:
+def draw_bake_warnings(layout: bpy.types.UILayout, context) -> None:
     """What of the scene was not read, and whatever else a bake will warn of."""
     scene = context.scene.session_uid
     warnings = STATE.warnings.get(scene, ())
