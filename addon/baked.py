@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .core.execution import Execution
-from .core.graph import Graph
+from .core.graph import Graph, Node
 from .core.layers import Layer, LayerSet
 from .core.memory import MemoryEstimate
 from .core.outline import Outline
@@ -52,14 +53,15 @@ def put_together(
     `seconds` are of the whole bake and `coarse_picture_seconds` of its coarse picture. `missing`: what the
     graph lacks of `sequence`, for which neutral layers stand. `has_picture`: there is a composite, also of
     nothing."""
-    own, shot = _own_nodes(graph), graph.shot
+    below, shot = _nodes_by_layer(graph), graph.shot
+    own = _own_nodes(below)
     layers, costs = [], {}
     for layer in (layer for layer in graph.layers if layer.effect):
         # Any layer needs the coarse picture; it is a layer's own where there is no other.
         own_coarse_picture_seconds = coarse_picture_seconds if len(own) == 1 else 0.0
         costs[layer.name] = (
             own_coarse_picture_seconds + execution.seconds(own[layer.name]),
-            coarse_picture_seconds + execution.seconds(graph.nodes(layer.roots), chunks),
+            coarse_picture_seconds + execution.seconds(below[layer.name], chunks),
         )
         error = errors[layer.name].to_json() if layer.name in errors else {}
         params = chosen[layer.effect]
@@ -133,12 +135,18 @@ def put_together(
     return Baked(layer_set, report, pictures, picture)
 
 
-def _own_nodes(graph: Graph) -> dict[str, list]:
-    """By layer, the nodes that no other layer of the file reads."""
+def _nodes_by_layer(graph: Graph) -> dict[str, tuple[Node, ...]]:
+    """What each layer of the file is made of, and what its samples weigh, but for what of that is other
+    layers: they are there with or without it."""
     layers = [layer for layer in graph.layers if layer.effect]
-    readers: dict[str, int] = {}
-    below = {layer.name: graph.nodes(layer.roots) for layer in layers}
-    for nodes in below.values():
-        for node in nodes:
-            readers[node.key] = readers.get(node.key, 0) + 1
-    return {name: [node for node in nodes if readers[node.key] == 1] for name, nodes in below.items()}
+    below = {layer.name: graph.nodes([layer.node]) for layer in layers}
+    made = {node for nodes in below.values() for node in nodes}
+    for layer in (layer for layer in layers if layer.weight is not None):
+        below[layer.name] += tuple(node for node in graph.nodes([layer.weight]) if node not in made)
+    return below
+
+
+def _own_nodes(below: dict[str, tuple[Node, ...]]) -> dict[str, list[Node]]:
+    """By layer, the nodes that no other layer of the file reads."""
+    readers = Counter(node for nodes in below.values() for node in nodes)
+    return {name: [node for node in nodes if readers[node] == 1] for name, nodes in below.items()}

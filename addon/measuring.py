@@ -44,7 +44,7 @@ class Measuring:
     def errors(self, graph: Graph) -> Generator[None, None, dict[str, LayerError | NotMeasured]]:
         """The error of each of the graph's layers, by name: rays against the layer's own casters, on the CPU
         whatever made the layer."""
-        layers = [layer for layer in graph.layers if layer.kind.score]
+        layers = [layer for layer in graph.layers if layer.kind.score and layer.is_whole]
         if not layers:
             return {}
         if self._rays is None:

@@ -130,7 +130,9 @@ class Executor:
                 for node in at[Rate.SAMPLE]:
                     self._go_on(context)
                     self._make(node)
-                    collected |= {take.name: self.collect(take, chunk) for take in taken.get(node, ())}
+                    for take in taken.get(node, ()):
+                        tile = self.collect(take, chunk)
+                        collected |= {take.name: tile} if take.is_whole else {}
                     tile_values.forget({each.key for each in spent.get(node, ())})
                     done += 1
                     yield done / total

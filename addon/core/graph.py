@@ -37,8 +37,9 @@ class Sum:
     """How a step's value comes apart into nodes whose values add up to it, so that not all of its inputs have
     to be there at once.
 
-    `terms(node)`: of each term, those inputs that no other term needs. `part(node, numbers)`: a node that is
-    the sum of the terms of these numbers; that of all is the node itself.
+    `terms(node)`: of each term, those nodes below that no other term needs; none at all where the node does
+    not come apart. `part(node, numbers)`: a node that is the sum of the terms of these numbers; that of all
+    is the node itself.
     """
 
     terms: Callable[[Node], tuple[tuple[Node, ...], ...]]

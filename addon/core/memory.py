@@ -137,21 +137,29 @@ class _Unit:
     nodes: tuple[Node, ...]
 
 
+def _sum_of(layer: PlannedLayer) -> Node | None:
+    """What of a layer may come in several groups, if anything: what its samples weigh, or a picture of no
+    effect itself."""
+    node = layer.weight
+    if node is None and not layer.effect and not layer.of.is_lamp:
+        node = layer.node
+    return node if node is not None and node.step.sum and node.step.sum.terms(node) else None
+
+
 def _units(graph: Graph) -> list[_Unit]:
     """First those that need no layer of a lamp, then lamp by lamp, then layers of no lamp."""
     units: list[tuple[float, _Unit]] = []
     lamps = {layer.node.key: layer.of.index if layer.of.is_lamp else np.inf for layer in graph.layers}
     for layer in graph.layers:
-        node = layer.node
-        if layer.effect or layer.of.is_lamp or node.step.sum is None:
-            units.append((lamps[node.key], _Unit(layer, None, layer.roots)))
+        node = _sum_of(layer)
+        if node is None:
+            units.append((lamps[layer.node.key], _Unit(layer, None, layer.roots)))
             continue
-        terms = node.step.sum.terms(node)
-        own = {item for items in terms for item in items}
-        shared = tuple(item for item in node.inputs if item not in own)
-        for number, items in enumerate(terms):
+        weighed = (layer.node,) if node is layer.weight else ()
+        for number, items in enumerate(node.step.sum.terms(node)):
             lamp = max((lamps[item.key] for item in items if item.key in lamps), default=-1)
-            units.append((lamp, _Unit(layer, number, (*items, *shared))))
+            part = node.step.sum.part(node, (number,))
+            units.append((lamp, _Unit(layer, number, (part, *weighed))))
     return [unit for _, unit in sorted(units, key=lambda pair: pair[0])]
 
 
@@ -161,10 +169,10 @@ def _graph_of(graph: Graph, units: list[_Unit], number: int, last: dict[str, int
         terms.setdefault(unit.layer.name, []).append(unit.term)
     layers = []
     for layer in (layer for layer in graph.layers if layer.name in terms):
-        numbers = terms[layer.name]
-        if numbers[0] is not None:
-            part = layer.node.step.sum.part(layer.node, numbers)
-            layer = replace(layer, node=part, is_whole=last[layer.name] == number)
+        numbers, node = terms[layer.name], _sum_of(layer)
+        if node is not None:
+            part = {"node" if node is layer.node else "weight": node.step.sum.part(node, numbers)}
+            layer = replace(layer, **part, is_whole=last[layer.name] == number)
         layers.append(layer)
     return replace(graph, layers=tuple(layers))
 
@@ -217,7 +225,8 @@ class _Sizes:
             surfaces += pixels * sum(np.dtype(each.dtype).itemsize * each.channels for each in carried)
         is_weighed = any(layer.weight is not None for layer in graph.layers)
         surfaces += WEIGHT_VALUES * NUMBER_BYTES * self._tile * is_weighed
-        self.shared = sum(map(self.scene_bytes, for_all)) + surfaces + KERNEL_BYTES
+        sums = sum(self.image(layer) for layer in graph.layers if layer.weight and _sum_of(layer))
+        self.shared = sum(map(self.scene_bytes, for_all)) + surfaces + sums + KERNEL_BYTES
 
     def scene_bytes(self, node: Node) -> int:
         """Of its value, where it does not depend on the surface."""
@@ -241,7 +250,8 @@ class _Sizes:
         return self._sampling.width * self._sampling.height * NUMBER_BYTES * len(layer.channels)
 
     def tiles(self, unit: _Unit) -> int:
-        """Of what passes by at the surface, and of sums of weights."""
-        channels = LIVE_VALUES * len(unit.layer.channels) if unit.term is None else 2 * len(unit.nodes)
+        """Of what passes by at the surface, and of a sum of weights that no other group adds to."""
+        if unit.term is not None:
+            return 2 * sum(len(node.inputs) for node in unit.nodes) * NUMBER_BYTES * self._tile
         sums = self.image(unit.layer) if unit.layer.weight is not None else 0
-        return channels * NUMBER_BYTES * self._tile + sums
+        return LIVE_VALUES * len(unit.layer.channels) * NUMBER_BYTES * self._tile + sums

@@ -116,6 +116,23 @@ def test_shadows_on_a_chart_are_those_that_a_camera_sees(backend):
     assert np.abs(seen - laid_out)[BARE].max() < 0.05
 
 
+def test_samples_of_a_chart_weigh_the_irradiance_only():
+    outline, arrays = charted()
+    shot, layers = Shot("Chart", Chart.of(outline, "Box 0", SIZE)), []
+    black = tuple(replace(each, base_color=(0.0, 0.0, 0.0)) for each in outline.materials)
+    for materials in (outline.materials, black):
+        options = Options(("soft_shadow",), "cpu", 4, 0)
+        changed = replace(outline, materials=materials)
+        graph = plan_scene(changed, shot, options)
+        assert [layer.weighed_by for layer in graph.layers] == ["irradiance"]
+        layers.append(BakeJob(changed, graph, arrays, options).result().layers.layers[0])
+    assert layers[0].weight == "irradiance"
+    assert np.array_equal(layers[0].pixels, layers[1].pixels)
+    plain = replace(options, weight="none")
+    (plain,) = BakeJob(outline, plan_scene(outline, shot, plain), arrays, plain).result().layers.layers
+    assert 1e-5 < np.abs(plain.pixels - layers[0].pixels).max() < 0.05
+
+
 @BACKENDS
 @pytest.mark.parametrize(
     "values",

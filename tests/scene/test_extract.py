@@ -135,12 +135,20 @@ def test_principled_values(scene):
     node.inputs["Emission Strength"].default_value = 2.0
     (outline, arrays) = read(scene)
     (material,) = outline.materials
+    assert material.metallic == 0.0
     assert material.base_color == pytest.approx((0.9, 0.1, 0.2))
     assert (material.roughness, material.emission) == (0.25, (2.0, 1.0, 0.0))
     assert not material.is_cutout
     assert not outline.warnings
     node.inputs["Alpha"].default_value = 0.25
     node.inputs["Transmission Weight"].default_value = 0.5
+    node.inputs["Metallic"].default_value = 0.75
+    assert read(scene)[0].materials[0].metallic == 0.75
+    tree, texture = node.id_data, node.id_data.nodes.new("ShaderNodeTexNoise")
+    tree.links.new(texture.outputs[0], node.inputs["Metallic"])
+    assert read(scene)[0].materials[0].metallic == 0.0
+    node.inputs["Metallic"].default_value = 0.0
+    tree.nodes.remove(texture)
     (outline, arrays) = read(scene)
     assert outline.materials[0].alpha_threshold == 0.5
     assert (arrays.cutouts[0].alpha, arrays.cutouts[0].threshold) == (0.25, 0.5)

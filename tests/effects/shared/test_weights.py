@@ -57,7 +57,7 @@ def fringe_scene(lamps: int = 1, power: float = 1.0) -> bpy.types.Scene:
 
 
 def made(scene, backend: str = "cpu", **options):
-    how = Options(backend=backend, probes=0, **{"samples": 4, "composite": True, "lit": True} | options)
+    how = Options(backend=backend, **{"probes": 0, "samples": 4, "composite": True, "lit": True} | options)
     return bake(scene, scene.view_layers[0], how, size=SIZE)
 
 
@@ -122,6 +122,83 @@ def test_power_does_not_matter():
     for power in (1e-12, 1e12):
         (other,) = layers_of(made(fringe_scene(power=power))).values()
         assert np.array_equal(first, other)
+
+
+def test_a_layer_has_the_same_bits_in_whatever_tiles(monkeypatch):
+    scene = foggy_scene()
+    options = {"effects": FOGGY, "values": {"volumetric_light": FOG}}
+    whole = layers_of(made(scene, **options))
+    monkeypatch.setattr("strata.addon.core.sampling.PIXELS_PER_TILE", SIZE[0] * 5)
+    for name, image in layers_of(made(scene, **options)).items():
+        assert np.array_equal(whole[name], image), name
+
+
+def test_where_no_light_arrives_the_plain_mean_over_surfaces_stands():
+    """A lamp behind the wall: it shines on the posts' sides and beside the wall's edge on nothing."""
+    scene = fringe_scene()
+    scene.objects["Lamp 0"].location.z = 0.3
+    scene.objects["Lamp 0"].rotation_euler.x = np.pi  # upwards
+    scene.objects["Plane"].scale = (0.4, 0.4, 1.0)
+    found, plain = (made(scene, weight=how) for how in ("radiance", "none"))
+    (weighed,), (mean,) = layers_of(found).values(), layers_of(plain).values()
+    coverage, lit = found.lit[0][..., 3], found.lit[0][..., :3].max(axis=2)
+    dark = (lit == 0.0) & (coverage == 1.0)
+    assert dark.sum() > 50
+    assert np.allclose(weighed[dark], mean[dark], rtol=0.0, atol=1e-6)
+    edge = (lit == 0.0) & (coverage > 0.0) & (coverage < 1.0)
+    # Off surfaces a layer is neutral: 1.
+    over_surfaces = (mean[edge] - (1.0 - coverage[edge])) / coverage[edge]
+    assert edge.sum() > 10
+    assert np.allclose(weighed[edge], over_surfaces, atol=1e-5)
+    assert (weighed[coverage == 0.0] == 1.0).all()
+
+
+FOG = {"use_scene_medium": False, "scattering_per_m": "0.1,0.2,0.3", "light_samples": 1}
+FOGGY = ("soft_shadow", "volumetric_light")
+
+
+def foggy_scene(lamps: int = 1) -> bpy.types.Scene:
+    """The wall ends within the picture, beside nothing, and its posts stand far before it."""
+    scene = fringe_scene(lamps)
+    without_metal(scene)
+    for thing in scene.objects:
+        if thing.type == "MESH":
+            thing.location.z *= -3.0 if thing.name == "Plane" else 1.0
+    scene.objects["Plane"].location.z = -4.0
+    scene.objects["Plane"].scale = (0.25, 0.3, 1.0)
+    return scene
+
+
+def test_a_transmittance_times_the_picture_behind_it_is_the_picture(backend):
+    scene = foggy_scene(2)
+    found = made(scene, backend, effects=FOGGY, values={"volumetric_light": FOG})
+    clear = made(scene, backend, effects=("soft_shadow",)).composite[..., :3]
+    layers = layers_of(found)
+    scattered = sum(layer for name, layer in layers.items() if name.startswith("Volumetric"))
+    passed = layers["Transmittance"][..., :3]
+    behind = found.composite[..., :3] - scattered
+    assert passed.min() == 0.0  # nothing comes out of fog without an end
+    assert 0.5 < passed.max() < 0.9
+    assert apart(passed * clear, behind) < 1e-5  # what is scattered is as bright, and taken off again
+    plain = made(scene, backend, effects=FOGGY, values={"volumetric_light": FOG}, weight="none")
+    assert apart(layers_of(plain)["Transmittance"][..., :3] * clear, behind) > 0.01
+    assert not [warning for warning in found.report.warnings if "failed on gpu" in warning]
+
+
+def test_groups_of_lamps_make_the_same_layers():
+    scene = foggy_scene(3)
+    options = {"effects": FOGGY, "values": {"volumetric_light": FOG}}
+    whole, parts = (made(scene, memory_bytes=size, **options) for size in (0, 1))
+    assert (whole.report.memory.groups, parts.report.memory.groups > 2) == (1, True)
+    for name, image in layers_of(whole).items():
+        assert np.allclose(layers_of(parts)[name], image, rtol=2e-6, atol=1e-7), name
+
+
+def test_errors_are_measured_once_in_whatever_groups():
+    options = {"effects": FOGGY, "values": {"volumetric_light": FOG}}
+    whole, parts = (made(foggy_scene(3), probes=64, memory_bytes=size, **options) for size in (0, 1))
+    for one, other in zip(whole.report.layers, parts.report.layers, strict=True):
+        assert one.error.value == pytest.approx(other.error.value, rel=1e-3, abs=1e-6)
 
 
 def test_what_weighs_is_a_choice():
