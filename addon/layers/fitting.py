@@ -10,6 +10,8 @@ from ..core.errors import StrataError
 from ..core.naming import ENGINE_ID, some_frames
 from ..scene.cameras import camera_warnings, frame_size_of, region_of
 from ..scene.changing import may_change
+from ..scene.materials import is_medium
+from ..scene.volumes import volume_of
 from .exr_header import ExrHeader, header_of
 
 _WITHOUT_GROUPS = {"BLENDER_EEVEE": "EEVEE", "BLENDER_WORKBENCH": "Workbench"}
@@ -95,6 +97,11 @@ def _wrong_camera(scene: bpy.types.Scene, header: ExrHeader) -> str:
 def unlike(scene: bpy.types.Scene, path: Path, frames: dict[int, Path]) -> list[str]:
     """What to warn of. `frames`: files by frame where there is one for each, otherwise empty."""
     found = camera_warnings(scene.camera, scene.render)
+    found += [
+        f"{what} is a medium: light that it scatters gets the shadow of what lies behind it, which is wrong; "
+        "keep it out of the render and add Volumetric Light instead"
+        for what in _media(scene)
+    ]
     missing = [frame for frame, file in frames.items() if not file.is_file()]
     if missing:
         found.append(
@@ -110,3 +117,26 @@ def unlike(scene: bpy.types.Scene, path: Path, frames: dict[int, Path]) -> list[
     ):
         found.append(f"the file is of frame {int(baked)}, and the scene is at {scene.frame_current}")
     return found
+
+
+def _media(scene: bpy.types.Scene) -> list[str]:
+    """What shows a volume: the world, and objects that render."""
+    world = scene.world
+    shown = {thing for layer in scene.view_layers if layer.use for thing in layer.objects}
+    shown |= {
+        inner
+        for thing in shown
+        if thing.instance_collection
+        for inner in thing.instance_collection.all_objects
+    }
+    found = [
+        f"'{thing.name}'"
+        for thing in sorted(shown, key=lambda thing: thing.name_full)
+        if not thing.hide_render and (thing.type == "VOLUME" or any(map(is_medium, _materials(thing))))
+    ]
+    has_world = world is not None and any(volume_of(world.node_tree, ""))
+    return [f"world '{world.name}'"] * has_world + found
+
+
+def _materials(thing: bpy.types.Object) -> list[bpy.types.Material]:
+    return [slot.material for slot in thing.material_slots if slot.material is not None]

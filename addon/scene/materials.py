@@ -57,6 +57,12 @@ def material_of(material: bpy.types.Material, images: Images) -> tuple[Material,
     return read, [*more, *warnings]
 
 
+def is_medium(material: bpy.types.Material) -> bool:
+    """Whether it shows a volume and no surface."""
+    medium, warnings = volume_of(material.node_tree, "")
+    return (medium is not None or bool(warnings)) and not _has_surface(material)
+
+
 def may_glow(material: bpy.types.Material) -> bool:
     """Whether a surface of it may shine: by its nodes, linked to anything or not."""
     trees = [] if material.node_tree is None else [material.node_tree]

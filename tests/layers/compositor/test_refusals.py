@@ -165,6 +165,32 @@ def test_what_layers_do_not_know_is_warned_of(scene, capfd):
     assert "Camera 'Camera' has depth of field: layers are sharp and do not fit what it blurs" in told
 
 
+def volume(owner) -> None:
+    tree = owner.node_tree
+    scatter = tree.nodes.new("ShaderNodeVolumeScatter")
+    output = tree.get_output_node("CYCLES")
+    for link in list(output.inputs["Surface"].links):
+        tree.links.remove(link)
+    tree.links.new(scatter.outputs[0], output.inputs["Volume"])
+
+
+def test_media_whose_light_gets_the_wrong_shadow_are_warned_of(scene, capfd):
+    wrong = " is a medium: light that it scatters gets the shadow of what lies behind it"
+    assert not any(wrong in line for line in built(capfd))
+    material = bpy.data.materials.new("Haze")
+    haze = bpy.data.objects.new("Haze", bpy.data.meshes.new("Haze"))
+    haze.data.materials.append(material)
+    scene.collection.objects.link(haze)
+    assert not any(wrong in line for line in built(capfd))
+    volume(material)
+    assert sum(line.startswith(f"'Haze'{wrong}") for line in built(capfd)) == 1
+    haze.hide_render = True
+    assert not any(wrong in line for line in built(capfd))
+    scene.world = scene.world or bpy.data.worlds.new("World")
+    volume(scene.world)
+    assert sum(line.startswith(f"World '{scene.world.name}'{wrong}") for line in built(capfd)) == 1
+
+
 @pytest.mark.parametrize(
     "content", [b"", b"BLENDER17-01v0502", b"\x76\x2f\x31\x01\x02\x04\x00\x00channels\x00chlist"]
 )
