@@ -8,7 +8,7 @@ python -m strata.scripts.bench.accuracy --quick  tiny settings, printed, not wri
 from __future__ import annotations
 
 from strata.scripts import demo
-from strata.scripts.bench import against_cycles, airlight, close_casters, fringe, plates, toon_errors, units
+from strata.scripts.bench import against_cycles, airlight, close_casters, in_use, plates, toon_errors, units
 from strata.scripts.bench.document import ROOT, rmse, table, write_block
 from strata.scripts.bench.scenes import open_sample
 from strata.scripts.bench.sections import read_sections
@@ -77,24 +77,9 @@ def closed_forms(quick: bool) -> str:
     )
 
 
-def fringes(quick: bool) -> str:
-    """Layer times unshadowed render against the shadowed render."""
-    size, samples, cycles_samples = ((160, 90), (1, 8), 16) if quick else ((480, 270), (1, 4, 8, 16, 32), 128)
-    rows = []
-    for scene, light in (("stacked", "Panel"), ("courtyard", "Sun")):
-        for found in fringe.measure(open_sample(scene), light, size, samples, cycles_samples):
-            figures = [rmse(found.silhouettes), rmse(found.elsewhere), rmse(found.noise)]
-            rows.append([scene, light, found.samples, *figures])
-    header = ["scene", "light", "samples a pixel", "silhouettes", "elsewhere", "Cycles' noise at silhouettes"]
-    return "\n\n".join(
-        [
-            "### Fringes",
-            "A layer times Cycles' unshadowed image against Cycles' shadowed one, the scene's pixel filter "
-            "on both: RMS difference over the mean of the unshadowed image, at pixels whose neighbours show "
-            "another object and elsewhere.",
-            table(header, rows),
-        ]
-    )
+def used(quick: bool) -> str:
+    """Layers multiplied onto Cycles' images."""
+    return f"{in_use.lamps_alone(quick)}\n\n{in_use.pictures(quick)}"
 
 
 def radiance(quick: bool) -> str:
@@ -188,7 +173,7 @@ SECTIONS = {
     "courtyard": courtyard,
     "plates": closed_forms,
     "close": close,
-    "fringes": fringes,
+    "in_use": used,
     "radiance": radiance,
     "toon": toon_shading,
     "volumetric": volumetric,

@@ -61,19 +61,10 @@ def _emission_off() -> list:
     return off
 
 
-def _settings(scene, view_layer, lamp, samples, seed, size, filter_width, threads, path) -> list:
-    cycles, render, image = scene.cycles, scene.render, scene.render.image_settings
-    settings = [(item, "hide_render", item != lamp) for item in lamps(scene)]
-    settings += [(lamp, "visible_camera", False), (scene, "world", None)]
-    settings += _emission_off()
-    # Visibility is by the geometry: rays start where the surface is.
-    settings += [
-        (item, f"shadow_terminator_{what}_offset", 0.0)
-        for item in bpy.data.objects
-        for what in ("geometry", "shading")
-    ]
-    settings += [(view_layer, "use_pass_diffuse_direct", True), (view_layer, "use_pass_combined", True)]
-    settings += [
+def exact(scene, samples: int, seed: int, size: tuple[int, int], threads: int = 2) -> list:
+    """Settings by which Cycles takes all samples asked for and changes none of them."""
+    cycles, render = scene.cycles, scene.render
+    settings = [
         (render, name, value)
         for name, value in (
             ("engine", "CYCLES"),
@@ -87,8 +78,6 @@ def _settings(scene, view_layer, lamp, samples, seed, size, filter_width, thread
             ("use_persistent_data", False),
             ("threads_mode", "FIXED"),
             ("threads", threads),
-            ("filepath", str(path)),
-            ("use_file_extension", False),
         )
     ]
     settings += [
@@ -100,27 +89,38 @@ def _settings(scene, view_layer, lamp, samples, seed, size, filter_width, thread
             ("use_animated_seed", False),
             ("use_adaptive_sampling", False),
             ("use_denoising", False),
-            ("use_light_tree", False),
             ("light_sampling_threshold", 0.0),
             ("sample_clamp_direct", 0.0),
-            ("max_bounces", 0),
-            ("min_light_bounces", 0),
             ("transparent_max_bounces", 64),
             ("use_fast_gi", False),
         )
     ]
+    return [*settings, (scene.view_layers[0], "use_pass_combined", True)]
+
+
+def alone(scene, lamp, samples, seed, size, filter_width=None, threads=2) -> list:
+    """Settings by which nothing but `lamp` shines, straight onto diffuse surfaces. `filter_width` in pixels,
+    None for the scene's own filter."""
+    cycles = scene.cycles
+    settings = [(item, "hide_render", item != lamp) for item in lamps(scene)]
+    settings += [(lamp, "visible_camera", False), (scene, "world", None)]
+    settings += _emission_off()
+    # Visibility is by the geometry: rays start where the surface is.
+    settings += [
+        (item, f"shadow_terminator_{what}_offset", 0.0)
+        for item in bpy.data.objects
+        for what in ("geometry", "shading")
+    ]
+    settings += exact(scene, samples, seed, size, threads)
+    settings += [
+        (scene.view_layers[0], "use_pass_diffuse_direct", True),
+        (cycles, "use_light_tree", False),
+        (cycles, "max_bounces", 0),
+        (cycles, "min_light_bounces", 0),
+    ]
     if filter_width is not None:
         # Cycles' box filter is a pixel wide whatever its width says; the others obey.
         settings += [(cycles, "pixel_filter_type", "GAUSSIAN"), (cycles, "filter_width", filter_width)]
-    settings += [
-        (image, name, value)
-        for name, value in (
-            ("media_type", "MULTI_LAYER_IMAGE"),
-            ("file_format", "OPEN_EXR_MULTILAYER"),
-            ("color_depth", "32"),
-            ("exr_codec", "NONE"),
-        )
-    ]
     return settings
 
 
@@ -137,36 +137,46 @@ def render(
 ) -> Render:
     """Diffuse light that comes straight from `lamp`, alone in the scene; with `shadow` off nothing blocks it.
     `filter_width` in pixels, None for the scene's own filter. Leaves the scene as it was."""
-    more = [(lamp.data, "use_shadow", shadow)]
-    passes = ("Diffuse Direct", "DiffDir")
-    return _render(scene, lamp, samples, seed, size, filter_width, threads, more, passes)
+    settings = alone(scene, lamp, samples, seed, size, filter_width, threads)
+    settings.append((lamp.data, "use_shadow", shadow))
+    (image,), seconds = render_passes(scene, settings, ("Diffuse Direct", "DiffDir"))
+    return Render(image, seconds)
 
 
 def airlight(scene, lamp, samples: int, *, seed: int = 0, size: tuple[int, int], threads: int = 2) -> Render:
     """Radiance that media scatter once from `lamp`, alone in the scene, towards the camera, at pixel centres.
     A world's volume is left out, since the world is. Leaves the scene as it was."""
-    more = [
+    settings = alone(scene, lamp, samples, seed, size, POINT_FILTER_WIDTH, threads)
+    settings += [
         (scene.view_layers[0].cycles, "use_pass_volume_direct", True),
         (scene.cycles, "volume_bounces", 0),
     ]
-    passes = ("Volume Direct", "VolumeDir")
-    return _render(scene, lamp, samples, seed, size, POINT_FILTER_WIDTH, threads, more, passes)
+    (image,), seconds = render_passes(scene, settings, ("Volume Direct", "VolumeDir"))
+    return Render(image, seconds)
 
 
-def _render(scene, lamp, samples, seed, size, filter_width, threads, more, passes) -> Render:
-    view_layer = scene.view_layers[0]
+def render_passes(scene, settings: list, *passes: tuple[str, ...]) -> tuple[list[np.ndarray], float]:
+    """Of the first view layer, (height, width, 3) float32 each, by whichever of its names a pass has; and the
+    seconds of the whole render call. Leaves the scene as it was."""
+    image = scene.render.image_settings
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "render.exr"
-        settings = _settings(scene, view_layer, lamp, samples, seed, size, filter_width, threads, path)
-        with kept(*settings, *more):
+        written = [
+            (scene.render, "filepath", str(path)),
+            (scene.render, "use_file_extension", False),
+            (image, "media_type", "MULTI_LAYER_IMAGE"),
+            (image, "file_format", "OPEN_EXR_MULTILAYER"),
+            (image, "color_depth", "32"),
+            (image, "exr_codec", "NONE"),
+        ]
+        with kept(*settings, *written):
             started = time.perf_counter()
             bpy.ops.render.render(write_still=True, scene=scene.name)
             seconds = time.perf_counter() - started
-        return Render(_read(path, view_layer.name, passes), seconds)
+        return [_read(path, scene.view_layers[0].name, names) for names in passes], seconds
 
 
 def _read(path: Path, view_layer: str, passes: tuple[str, ...]) -> np.ndarray:
-    """The pass, (height, width, 3), by whichever of its names it has."""
     with OpenEXR.File(str(path), separate_channels=True) as file:
         for part in file.parts:
             for name in passes:
