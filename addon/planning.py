@@ -33,7 +33,8 @@ class Options:
     may take beside what Blender has, 0: half of what is free, or less where more is of no use; `providers`:
     the effect to take a role from, where several offer it and a lamp asks for none; `keeps_unused` also makes
     their layers that the picture does not take; `weight`: what samples of layers that multiply
-    weigh (Weight); `registry`: the effects that there are."""
+    weigh (Weight); `rgb_layers`: lamps' shadows are in colour, each channel weighed by itself; `registry`:
+    the effects that there are."""
 
     effects: tuple[str, ...] | None = None
     backend: str = "auto"
@@ -48,6 +49,7 @@ class Options:
     providers: dict[Role, str] = field(default_factory=dict)
     keeps_unused: bool = False
     weight: str = Weight.RADIANCE.value
+    rgb_layers: bool = False
     registry: Registry = EFFECTS
 
     def __post_init__(self):
@@ -95,7 +97,8 @@ class Options:
 
 def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
     """What would run, what is left out, and why."""
-    recordings = [partial(weights.record, how=Weight(options.weight))]
+    recordings = [_put_in_colour] * options.rgb_layers
+    recordings += [partial(weights.record, how=Weight(options.weight))]
     recordings += [composite.record if options.composite else composite.leave_out]
     recordings += [lit.record] * options.lit + [_record_probed]
     lamps = None
@@ -120,6 +123,10 @@ def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
         # A composite may be too large for a layer's sake: it is made of the others then.
         of_effects = {layer.name for layer in graph.layers if layer.effect} & found.keys()
         left_out |= {name: found[name] for name in of_effects or found}
+
+
+def _put_in_colour(recorder: Recorder, outline: Outline) -> None:
+    recorder.put_in_colour()
 
 
 def _record_probed(recorder: Recorder, outline: Outline) -> None:

@@ -158,6 +158,8 @@ def _scene_flags(needs_scene: bool) -> argparse.ArgumentParser:
     flags.add_argument("--lights", type=names, metavar="A,B", help="only these lamps' layers")
     flags.add_argument("--camera", metavar="C", help="default: the scene's camera")
     flags.add_argument("--size", type=size, metavar="960x540", help="default: the scene's")
+    flags.add_argument("--rgb-layers", action="store_true", default=None,
+                       help="shadows in colour, channel by channel (default: the scene's)")  # fmt: skip
     flags.add_argument("--memory", type=memory, metavar="4G",
                        help="what a bake may take beside Blender itself (default: the scene's)")  # fmt: skip
     flags.add_argument("--set", type=setting, action="append", default=[], metavar="EFFECT.PARAMETER=VALUE",

@@ -171,7 +171,7 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
 
     given = {"effects": arguments.effects, "values": nested(arguments.set)}
     Options(**given).chosen()  # wrong words are found before a large file is opened
-    given["memory_bytes"] = arguments.memory
+    given |= {"memory_bytes": arguments.memory, "rgb_layers": arguments.rgb_layers}
     with _properties():
         chosen = _open(arguments, interrupts)
         given["lights"] = _lights(arguments, chosen)
@@ -224,7 +224,7 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     from ..addon.planning import Options
     from ..addon.ui.properties import exr_of, options_of
 
-    plain = ("effects", "backend", "samples", "weight", "probes", "seed")
+    plain = ("effects", "backend", "samples", "weight", "rgb_layers", "probes", "seed")
     given = {name: getattr(arguments, name) for name in plain}
     given |= {"values": nested(arguments.set), "memory_bytes": arguments.memory}
     # What can be wrong is found before a large file is opened, and long before the work is done.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any
 
@@ -42,7 +42,7 @@ class LayerKind:
     None: nobody measures them. `needs`: what a shot must have for them, beside what the effect needs; the
     effect asks for it (`Recorder.shot_has`). `is_weighed`: its samples weigh what they multiply, where it
     multiplies (effects/shared/weights.py); not so of what is drawn on the picture, such as dots of ink, whose
-    plain mean is what they cover.
+    plain mean is what they cover. `is_spread`: its samples are one number for all channels (`in_colour`).
     """
 
     title: str
@@ -54,12 +54,18 @@ class LayerKind:
     doc: str = ""
     needs: frozenset[Need] = frozenset()
     is_weighed: bool = True
+    is_spread: bool = False
 
     def __post_init__(self):
         if self.role.needs_lamp and self.of is not Subject.LAMP:
             raise ValueError(f"'{self.title}' is {self.role.value}, and of no lamp")
         if self.role is Role.OVER and self.channels != "RGBA":
             raise ValueError(f"'{self.title}' lies over the picture by its alpha, and has none")
+
+    def in_colour(self) -> LayerKind:
+        """Of a lamp's shadow, one whose samples weigh channel by channel; other layers stay as they are."""
+        is_grey_shadow = self.role is Role.VISIBILITY and len(self.channels) == 1
+        return replace(self, channels="RGB", is_spread=True) if is_grey_shadow else self
 
 
 def not_ruled_out(kind: LayerKind, light: Any, params: Any, has_media: bool) -> bool:

@@ -38,6 +38,8 @@ class Execution:
 
     def add(self, take: Take, chunk: Chunk, tile: np.ndarray, weight: np.ndarray | None) -> None:
         """One sample of a tile."""
+        if take.spread:
+            tile = np.broadcast_to(tile[..., None], (*tile.shape, take.spread))
         if take.name not in self.films:
             shape = (chunk.height, *tile.shape[1:])
             weights = None if weight is None else (chunk.height, *weight.shape[1:])

@@ -197,7 +197,9 @@ class Executor:
         if not nodes:
             return
         tile_values = TileValues(self._devices)
-        images = {take.node: execution.image(take.name) for take in takes if take.is_whole}
+        images = {
+            take.node: execution.image(take.name) for take in takes if take.is_whole and not take.spread
+        }
         context = _Context(graph, store=tile_values, execution=execution, images=images)
         try:
             for node in nodes:

@@ -86,7 +86,8 @@ def _join(sums: np.ndarray, tile: np.ndarray, share: np.ndarray | None) -> None:
 
 @dataclass(frozen=True)
 class Take:
-    """What one film is made of: the values of `node`, and of `weight` where they weigh."""
+    """What one film is made of: the values of `node`, and of `weight` where they weigh. `spread`: the
+    film's channels, where the values are one number for all of them; 0: as many as they have."""
 
     name: str
     node: Node
@@ -94,17 +95,25 @@ class Take:
     reduce: Reduce = Reduce.MEAN
     has_squares: bool = False
     is_whole: bool = True
+    spread: int = 0
 
 
 def takes_of(graph: Graph) -> tuple[Take, ...]:
     """Every film that the graph needs: of each layer that is made sample by sample, and of what only steps on
     finished images read. Those are called by their node's key."""
     takes = [
-        Take(layer.name, layer.node, layer.weight, layer.kind.reduce, is_whole=layer.is_whole)
+        Take(
+            layer.name,
+            layer.node,
+            layer.weight,
+            layer.kind.reduce,
+            is_whole=layer.is_whole,
+            spread=len(layer.channels) * layer.kind.is_spread,
+        )
         for layer in graph.layers
         if layer.node.rate != Rate.PICTURE
     ]
-    known = {take.node for take in takes if take.is_whole}
+    known = {take.node for take in takes if take.is_whole and not take.spread}
     for node in graph.nodes():
         if node.rate == Rate.PICTURE:
             for item in node.inputs:

@@ -143,6 +143,10 @@ class Recorder:
         )
         self._layers.append(layer)
 
+    def put_in_colour(self) -> None:
+        """Makes declared layers colours, where they may be (LayerKind.in_colour)."""
+        self._layers = [replace(layer, kind=layer.kind.in_colour()) for layer in self._layers]
+
     def weigh(self, layer: PlannedLayer, weight: Node, weighed_by: str) -> None:
         """Says what the samples of a declared layer weigh."""
         place = self._layers.index(layer)

@@ -69,6 +69,7 @@ def registered(
     effects = [effect for effect in registry if getattr(scene.strata, effect.id).enabled]
     for effect in effects:
         for kind in effect.layers:
+            kind = kind.in_colour() if scene.strata.rgb_layers else kind
             if kind.role.is_exclusive and _first_to_offer(kind.role, effects) is not effect:
                 continue
             names = [""]

@@ -14,7 +14,7 @@ from . import passes
 
 # By scene (session id) and view layer: the passes that Blender was last told, and the lamps and instancers
 # looked at then.
-_told: dict[tuple[int, str], tuple[str, ...]] = {}
+_told: dict[tuple[int, str], tuple[passes.PassKind, ...]] = {}
 _named: dict[tuple[int, str], frozenset[str]] = {}
 
 
@@ -30,9 +30,9 @@ def _follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     for view_layer in scene.view_layers:
         key = (scene.session_uid, view_layer.name)
         _named[key] = frozenset(shown.name for shown in bpy.data.objects if _gives_names(shown))
-        names = tuple(kind.name for kind in passes.registered(scene, view_layer))
-        if _told.get(key) != names:
-            _told[key] = names
+        kinds = tuple(passes.registered(scene, view_layer))
+        if _told.get(key) != kinds:
+            _told[key] = kinds
             view_layer.update_render_passes()
 
 

@@ -47,8 +47,10 @@ def release() -> None:
 
 
 def picture_texture(pixels: np.ndarray):
-    """A texture of (height, width[, 4]) float32."""
+    """A texture of (height, width[, 3 or 4]) float32; three channels are opaque."""
     height, width = pixels.shape[:2]
+    if pixels.shape[2:] == (3,):
+        pixels = np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=2)
     data = gpu.types.Buffer("FLOAT", pixels.size, np.ascontiguousarray(pixels).reshape(-1))
     return gpu.types.GPUTexture((width, height), format="R32F" if pixels.ndim == 2 else "RGBA32F", data=data)
 
@@ -59,11 +61,11 @@ def table_texture(table: np.ndarray):
     return gpu.types.GPUTexture((SIZE, SIZE, SIZE), format="RGBA16F", data=data)
 
 
-def shown_texture(image, channels: int, table=None, exposure_factor: float = 1.0):
-    """What a texture `image` of `channels` numbers looks like, as a texture of the same size: made once, as a
-    window is redrawn many times, and has up to 64 times the pixels of a coarse picture. `table` is a view
-    transform's texture, None to show numbers as they are."""
-    shader = GREY if channels == 1 else DATA if table is None else COLOUR
+def shown_texture(image, is_grey: bool, table=None, exposure_factor: float = 1.0):
+    """What a texture `image`, of one channel or of four, looks like, as a texture of the same size: made
+    once, as a window is redrawn many times, and has up to 64 times the pixels of a coarse picture. `table` is
+    a view transform's texture, None to show numbers as they are."""
+    shader = GREY if is_grey else DATA if table is None else COLOUR
     values = np.zeros((len(shader.params), 4), np.float32)
     values[0] = -1.0, -1.0, 1.0, 1.0
     values[1, :3] = LOWEST, STEPS, SIZE

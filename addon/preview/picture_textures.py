@@ -27,7 +27,7 @@ class PictureTextures:
         if made is None or any(a is not b and a != b for a, b in zip(made[0], style, strict=True)):
             shown = getattr(picture.pixels, "texture", None) or display.picture_texture(picture.pixels)
             if is_overlay or not picture.is_colour:
-                shown = display.shown_texture(shown, 4 if picture.is_colour else 1, *style[2:])
+                shown = display.shown_texture(shown, len(picture.pixels.shape) == 2, *style[2:])
             made = self._shown[region.as_pointer()] = (style, shown)
         display.draw_picture(made[1], picture.place, (region.width, region.height), is_overlay)
 

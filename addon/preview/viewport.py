@@ -57,7 +57,8 @@ class Statistics:
 
 @dataclass(eq=False)
 class Picture:
-    """What to draw: host pixels (height, width[, 4]) float32 or a device's image, and where in the region."""
+    """What to draw: host pixels (height, width[, 3 or 4]) float32 or a device's image, and where in the
+    region. `is_colour`: seen through the view transform."""
 
     pixels: Any
     place: tuple[float, float, float, float]
@@ -70,6 +71,10 @@ def layer_of(graph: Graph, name: str) -> PlannedLayer | None:
         if layer.name == name if name else not layer.effect and not layer.of.is_lamp:
             return layer
     return None
+
+
+def _is_colour(layer: PlannedLayer) -> bool:
+    return len(layer.channels) > 1 and not layer.kind.is_spread
 
 
 def _noise(film: Film | None, samples: int, of_samples: int) -> float | None:
@@ -171,7 +176,7 @@ class Viewport:
         execution = executor.execution
         session.want(id(self), graph, *([self._refined_graph] if self._refined_graph else []))
         scale, map_share = self.budget.scale, self.budget.map_share
-        self.picture = Picture(value, placement.place(*placement.sizes(scale)), len(layer.channels) > 1)
+        self.picture = Picture(value, placement.place(*placement.sizes(scale)), _is_colour(layer))
         self._count(execution, started)
         statistics = self.statistics
         statistics.scale, statistics.map_share = scale, map_share
@@ -246,7 +251,7 @@ class Viewport:
                 shown = time.perf_counter()
                 for _ in executor.develop(graph, takes, execution):
                     yield
-                self.picture = Picture(execution.image(layer.name), place, len(layer.channels) > 1)
+                self.picture = Picture(execution.image(layer.name), place, _is_colour(layer))
                 self._count(execution, started)
                 self.statistics.samples, self.statistics.of_samples = samples, options.samples
                 self.statistics.noise = _noise(execution.films.get(layer.name), samples, options.samples)

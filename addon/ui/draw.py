@@ -109,7 +109,7 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
     settings = context.scene.strata
     column = layout.column()
     column.active = not STATE.is_baking
-    for name in ("backend", "samples", "weight", "probes", "memory_gb"):
+    for name in ("backend", "samples", "weight", "rgb_layers", "probes", "memory_gb"):
         column.prop(settings, name)
     column.separator()
     column.prop(settings, "save_to")

@@ -51,6 +51,7 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
         "backend": preferences.backend_of(settings),
         "samples": settings.samples,
         "weight": settings.weight,
+        "rgb_layers": settings.rgb_layers,
         # Only a number that somebody set is kept whatever it takes.
         "probes": settings.probes if settings.is_property_set("probes") else None,
         "memory_bytes": round(settings.memory_gb * 1e9),
@@ -211,6 +212,12 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
             description="What the samples of a pixel weigh in layers that multiply",
             items=[(each.value, each.name.capitalize(), each.doc) for each in Weight],
             default=Weight.RADIANCE.value,
+        ),
+        "rgb_layers": bpy.props.BoolProperty(
+            name="RGB Shadows",
+            description="Shadows are weighed channel by channel, and have three: right in colour too where "
+            "surfaces of several colours share a pixel",
+            default=False,
         ),
         "probes": bpy.props.IntProperty(
             name="Error Probes",

@@ -243,6 +243,18 @@ def test_compositor_sees_the_passes(scene, tmp_path):
     np.testing.assert_array_equal(seen[:, :, 0], baked["ViewLayer.Soft Shadow Lamp_001"])
 
 
+def test_compositor_sees_shadows_in_colour_and_blender_writes_them(scene, tmp_path):
+    node = render_layers_tree(scene)
+    bpy.data.objects["Lamp.001"].data.color = (1.0, 0.5, 0.1)
+    scene.strata.rgb_layers = True
+    bpy.context.view_layer.update()
+    assert node.outputs["Soft Shadow Lamp_001"].type == "RGBA"
+    seen = composited(scene, node, "Soft Shadow Lamp_001", tmp_path / "composited.exr")
+    (baked,) = baked_by_the_command(tmp_path).values()
+    assert baked["ViewLayer.Soft Shadow Lamp_001"].shape[2] == 3
+    np.testing.assert_array_equal(seen[:, :, :3], baked["ViewLayer.Soft Shadow Lamp_001"])
+
+
 def test_compositor_gets_full_light_where_a_frame_needs_no_shadow(scene, tmp_path):
     """Blender gives 0 for a pass that a render does not have, and a shadow of 0 is black."""
     node = render_layers_tree(scene)

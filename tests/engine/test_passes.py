@@ -24,7 +24,7 @@ def view_layer():
 
 def names_of(view_layer, *enabled: str) -> dict[str, passes.PassKind]:
     settings = {effect.id: SimpleNamespace(enabled=effect.id in enabled) for effect in ALL}
-    scene = SimpleNamespace(strata=SimpleNamespace(**settings))
+    scene = SimpleNamespace(strata=SimpleNamespace(rgb_layers=False, **settings))
     return {kind.name: kind for kind in passes.registered(scene, view_layer, registry=ALL)}
 
 

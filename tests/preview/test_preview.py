@@ -241,6 +241,19 @@ def test_the_still_picture_is_the_bake_bit_for_bit(backend):
     assert np.array_equal(watched.viewport.picture.pixels, layer.pixels)
 
 
+def test_a_shadow_in_colour_is_shown_as_numbers(backend):
+    watched = two_lights(backend, samples=2)
+    watched.options = replace(watched.options, rgb_layers=True)
+    expected = bake(watched.scene, watched.view_layer, watched.options, size=SIZE).layers.layers[0]
+    watched.layer = expected.name
+    watched.draw()
+    assert not watched.viewport.picture.is_colour
+    watched.settle()
+    assert not watched.viewport.picture.is_colour
+    assert expected.pixels.shape[2] == 3
+    assert np.array_equal(watched.viewport.picture.pixels, expected.pixels)
+
+
 def test_the_picture_is_the_bake_again_after_edits(backend):
     """Whatever is kept from before, it has no part in what comes out."""
     watched = two_lights(backend, samples=2)

@@ -17,7 +17,7 @@ ALL = registry(GOBO, HALF_SHADOW, gobo("Soft"), gobo("Smoke", Role.TRANSMITTANCE
 def baked(scene, tmp_path, *effects: str, **options):
     """Layers of each lamp by its name, and what was built of them."""
     path = tmp_path / "roles.exr"
-    how = Options(effects, "cpu", samples=1, probes=0, registry=ALL, **options)
+    how = Options(effects, "cpu", probes=0, registry=ALL, **{"samples": 1} | options)
     layers = bake(scene, scene.view_layers[0], how, size=SIZE).layers
     write_layers(path, layers)
     made = build(scene, {scene.view_layers[0]: path}, False, False, registry=ALL)
@@ -41,6 +41,14 @@ def test_filters_in_colour_and_shadows_are_multiplied_onto_a_lamps_group(scene, 
     assert np.ptp(expected, axis=2).max() > 0.05
     shadowed = {name for name, found in of_lamps.items() if "soft_shadow" in found}
     assert {name for name, lamp in lamps(scene).items() if not lamp.data.use_shadow} == shadowed
+
+
+def test_shadows_in_colour_are_multiplied_onto_a_lamps_group(scene, tmp_path):
+    made, of_lamps = baked(scene, tmp_path, "soft_shadow", rgb_layers=True, samples=4)
+    assert len(made.joined) == len(of_lamps)
+    expected = COMBINED + GROUP * sum(found["soft_shadow"] - 1.0 for found in of_lamps.values())
+    assert np.ptp(expected, axis=2).max() > 0.001
+    np.testing.assert_allclose(composited(scene, tmp_path)[:, :, :3], expected, atol=1e-6)
 
 
 def test_a_lamp_that_only_has_a_filter_keeps_its_shadow(scene, tmp_path):
