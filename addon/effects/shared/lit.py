@@ -23,18 +23,13 @@ _VEILS = (Join.OVER.value, Join.OVER_BY_DEPTH.value)
 
 def _material_colour(device, surface, colours, images, version):
     """(h, w, 4) float32: the colour of each point's material, alpha 1; all 0 where there is no surface."""
-    table = np.zeros((len(colours) + 1, 4), np.float32)
-    table[:-1, :3] = np.reshape(colours, (-1, 3))
-    table[:-1, 3] = 1.0
-    found = surface["material"]
-    colour = table.take(found, axis=0, mode="wrap")  # index -1, a miss, is the last
-    for material, image, share in images:
-        texels = device.texture(image)
-        if texels is not None:
-            there = found == material
-            if there.any():
-                colour[there, :3] = np.float32(share) * bilinear(texels, surface["uv"][there])
-    return colour
+    textures = [(material, device.texture(image), share) for material, image, share in images]
+    return device.kernels.material_colour(
+        surface["material"],
+        surface["uv"] if images else None,
+        np.array(colours, np.float32).reshape(-1, 3),
+        [each for each in textures if each[1] is not None],
+    )
 
 
 def bilinear(texels: np.ndarray, uv: np.ndarray) -> np.ndarray:

@@ -5,5 +5,5 @@ mod sample;
 mod shape;
 
 pub use python::register;
-pub use sample::Samples;
+pub use sample::{Samples, on_disk};
 pub use shape::{Emitter, EmitterKind};

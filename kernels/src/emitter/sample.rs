@@ -91,26 +91,32 @@ impl Emitter {
         }
     }
 
-    /// `point` in world space.
+    /// `point` in world space. Arrays are written out: `map` is not always inlined, and this is run for every point.
+    #[inline]
     pub fn seen_from(&self, point: [f64; 3]) -> SeenEmitter {
-        let axes = [0, 1, 2];
         let single = self.is_single();
-        let to_centre = axes.map(|i| self.centre[i] - point[i]);
+        let c = self.centre;
+        let to_centre = [c[0] - point[0], c[1] - point[1], c[2] - point[2]];
         let distance = length(to_centre);
         let towards = if distance > 0.0 {
-            to_centre.map(|x| x / distance)
+            [
+                to_centre[0] / distance,
+                to_centre[1] / distance,
+                to_centre[2] / distance,
+            ]
         } else {
-            self.forward.map(|x| -x)
+            opposite(self.forward)
         };
         let (mut middle, mut right, mut up) = (to_centre, self.right, self.up);
         let mut facing = self.forward;
         let half = [self.half_width.max(0.0), self.half_height.max(0.0)];
-        let sides = half.map(|x| if x > 0.0 { 2.0 * x } else { 1.0 });
+        let side = |x: f64| if x > 0.0 { 2.0 * x } else { 1.0 };
+        let sides = [side(half[0]), side(half[1])];
         let whole = [-1.0, 1.0, -1.0, 1.0];
         let (support, measure) = match self.kind {
             EmitterKind::Rectangle | EmitterKind::Ellipse => {
                 let ellipse = self.kind == EmitterKind::Ellipse;
-                let part = if single {
+                let part = if single || self.tan_half_spread == f64::INFINITY {
                     whole
                 } else {
                     self.part_within_spread(to_centre)
@@ -127,7 +133,7 @@ impl Emitter {
                 (plane(half, part, disk, inside_disk), area)
             }
             EmitterKind::FacingDisk => {
-                facing = towards.map(|x| -x);
+                facing = opposite(towards);
                 (right, up) = tangents(towards);
                 (
                     plane(half, whole, true, false),
@@ -152,7 +158,7 @@ impl Emitter {
                 (cap, std::f64::consts::TAU * one_minus_cosine)
             }
             EmitterKind::DistantDisk => {
-                middle = self.forward.map(|x| -x);
+                middle = opposite(self.forward);
                 let tangent = half[0] as f32;
                 (
                     Support::Distant { tangent },
@@ -166,7 +172,7 @@ impl Emitter {
             _ if single => 1.0,
             _ => measure,
         };
-        let vector = |v: [f64; 3]| v.map(|x| x as f32);
+        let vector = |v: [f64; 3]| [v[0] as f32, v[1] as f32, v[2] as f32];
         SeenEmitter {
             support,
             middle: vector(middle),
@@ -209,7 +215,7 @@ impl Emitter {
     /// 1 / (tan_half_spread - half_spread).
     fn spread_scale(&self) -> f64 {
         let tangent = self.tan_half_spread;
-        if tangent <= 0.0 {
+        if tangent <= 0.0 || tangent == f64::INFINITY {
             0.0
         } else if tangent < 1e-2 {
             3.0 / (tangent.powi(3) * (1.0 - 0.6 * tangent * tangent)) // the difference cancels
@@ -219,10 +225,16 @@ impl Emitter {
     }
 }
 
+#[inline(always)]
+fn opposite(v: [f64; 3]) -> [f64; 3] {
+    [-v[0], -v[1], -v[2]]
+}
+
+#[inline(always)]
 fn plane(half: [f64; 2], part: [f64; 4], disk: bool, inside_disk: bool) -> Support {
     Support::Plane {
-        half: half.map(|x| x as f32),
-        part: part.map(|x| x as f32),
+        half: [half[0] as f32, half[1] as f32],
+        part: [part[0] as f32, part[1] as f32, part[2] as f32, part[3] as f32],
         disk,
         inside_disk,
     }
@@ -230,7 +242,8 @@ fn plane(half: [f64; 2], part: [f64; 4], disk: bool, inside_disk: bool) -> Suppo
 
 /// The square to the unit disk, equal areas to equal areas (Shirley and Chiu 1997).
 #[inline(always)]
-fn concentric(u: &Lanes, v: &Lanes, x: &mut Lanes, y: &mut Lanes) {
+pub fn on_disk(u: &Lanes, v: &Lanes) -> [Lanes; 2] {
+    let [mut x, mut y] = [[0.0; LANES]; 2];
     for lane in 0..LANES {
         let (a, b) = (2.0 * u[lane] - 1.0, 2.0 * v[lane] - 1.0);
         let wide = a.abs() > b.abs();
@@ -244,6 +257,7 @@ fn concentric(u: &Lanes, v: &Lanes, x: &mut Lanes, y: &mut Lanes) {
         x[lane] = if wide { along } else { across };
         y[lane] = if wide { across } else { along };
     }
+    [x, y]
 }
 
 impl SeenEmitter {
@@ -251,17 +265,26 @@ impl SeenEmitter {
     /// one thing each, or the compiler does not make vectors of them.
     #[inline(always)]
     pub fn sample(&self, normal: [f32; 3], u: &Lanes, v: &Lanes, out: &mut Samples) {
-        let (mut x, mut y) = ([0.0; LANES], [0.0; LANES]);
-        match self.support {
-            Support::Plane {
-                part, disk: false, ..
-            } => {
-                for lane in 0..LANES {
-                    x[lane] = part[0] + (part[1] - part[0]) * u[lane];
-                    y[lane] = part[2] + (part[3] - part[2]) * v[lane];
-                }
+        let mut disk = [[0.0; LANES]; 2];
+        if !matches!(self.support, Support::Plane { disk: false, .. }) {
+            disk = on_disk(u, v);
+        }
+        self.aim(u, v, &disk, out);
+        self.face(normal, out);
+    }
+
+    /// The first half of `sample`, which no normal takes part in: `disk` is `u`, `v` on the unit disk.
+    #[inline(always)]
+    pub fn aim(&self, u: &Lanes, v: &Lanes, disk: &[Lanes; 2], out: &mut Samples) {
+        let [mut x, mut y] = *disk;
+        if let Support::Plane {
+            part, disk: false, ..
+        } = self.support
+        {
+            for lane in 0..LANES {
+                x[lane] = part[0] + (part[1] - part[0]) * u[lane];
+                y[lane] = part[2] + (part[3] - part[2]) * v[lane];
             }
-            _ => concentric(u, v, &mut x, &mut y),
         }
         let [dx, dy, dz] = &mut out.direction;
         let (middle, right, up) = (self.middle, self.right, self.up);
@@ -320,6 +343,12 @@ impl SeenEmitter {
                 }
             }
         }
+    }
+
+    /// The second half: weights what `aim` has found.
+    #[inline(always)]
+    pub fn face(&self, normal: [f32; 3], out: &mut Samples) {
+        let [dx, dy, dz] = &out.direction;
         for lane in 0..LANES {
             let cosine = normal[0] * dx[lane] + normal[1] * dy[lane] + normal[2] * dz[lane];
             out.weight[lane] *= max(cosine, 0.0) * self.measure;

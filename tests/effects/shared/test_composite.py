@@ -110,6 +110,9 @@ def test_colours_and_textures_are_the_same_on_both_devices():
     assert np.allclose(cpu[surface["material"] == 0][:, :3], (0.1, 0.2, 0.3))
     assert np.allclose(cpu[surface["material"] == 2][:, :3], 9.0)
     assert np.allclose(cpu, gpu, atol=1e-5)  # weights of a bilinear lookup, a few ulp of uv times width
+    textured = surface["material"] == 1
+    expected = np.float32(0.75) * lit.bilinear(texels, surface["uv"][textured])
+    assert np.array_equal(cpu[textured][:, :3], expected)
 
 
 def test_a_texture_is_bilinear_and_repeats():

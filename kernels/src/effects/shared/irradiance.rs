@@ -1,8 +1,9 @@
 //! What a light would send to shading points if nothing cast a shadow: for pictures of the whole.
 
 use crate::cancel::CancelFlag;
-use crate::emitter::{Emitter, Samples};
+use crate::emitter::{Emitter, EmitterKind, Samples, on_disk};
 use crate::simd::{LANES, Lanes, Simd, Work, dispatch};
+use crate::vector::{dot, length};
 use numpy::{
     IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray3, PyUntypedArrayMethods,
 };
@@ -29,19 +30,58 @@ impl Work for Chunk<'_> {
         // One sample in each cell of a 4 x 4 grid.
         let u: Lanes = std::array::from_fn(|lane| ((lane % 4) as f32 + 0.5) / 4.0);
         let v: Lanes = std::array::from_fn(|lane| ((lane / 4) as f32 + 0.5) / 4.0);
-        let mut samples = Samples::default();
+        let disk = on_disk(&u, &v);
         let count = if self.emitter.is_single() { 1 } else { LANES };
+        let mut samples = Samples::default();
+        // Of what is infinitely far away, all but the normal is the same for all points.
+        let is_far = self.emitter.kind == EmitterKind::DistantDisk;
+        let mut seen = self.emitter.seen_from(self.eye);
+        seen.aim(&u, &v, &disk, &mut samples);
+        let far_weight = samples.weight;
         for (index, result) in self.irradiance.iter_mut().enumerate() {
             let position = self.positions[index];
             let normal = self.normals[index];
             if normal == [0.0; 3] || position.iter().any(|x| !x.is_finite()) {
                 continue;
             }
-            let world = std::array::from_fn(|axis| self.eye[axis] + f64::from(position[axis]));
-            self.emitter.seen_from(world).sample(normal, &u, &v, &mut samples);
+            let at = |axis: usize| self.eye[axis] + f64::from(position[axis]);
+            let world = [at(0), at(1), at(2)];
+            if gets_none(self.emitter, world, normal) {
+                continue;
+            }
+            if is_far {
+                samples.weight = far_weight;
+            } else {
+                seen = self.emitter.seen_from(world);
+                seen.aim(&u, &v, &disk, &mut samples);
+            }
+            seen.face(normal, &mut samples);
             *result = samples.weight[..count].iter().sum::<f32>() / count as f32;
         }
     }
+}
+
+/// Whether a point with a normal of length 1 surely gets no light, because all of the light is below its horizon,
+/// or the point behind the light's plane or outside its cone: by so much that every sample's weight is 0, whatever
+/// it is rounded to.
+#[inline(always)]
+fn gets_none(emitter: &Emitter, point: [f64; 3], normal: [f32; 3]) -> bool {
+    let (c, f) = (emitter.centre, emitter.forward);
+    let (towards, reach) = match emitter.kind {
+        EmitterKind::DistantDisk => ([-f[0], -f[1], -f[2]], emitter.half_width),
+        _ => (
+            [c[0] - point[0], c[1] - point[1], c[2] - point[2]],
+            (emitter.half_width * emitter.half_width + emitter.half_height * emitter.half_height).sqrt(),
+        ),
+    };
+    let distance = length(towards);
+    let guard = 1e-3 * (distance + reach);
+    let behind = dot(f, towards);
+    let normal = [f64::from(normal[0]), f64::from(normal[1]), f64::from(normal[2])];
+    let is_plane = matches!(emitter.kind, EmitterKind::Rectangle | EmitterKind::Ellipse);
+    dot(normal, towards) < -(reach + guard)
+        || (is_plane && behind > guard)
+        || 2.0 * reach + guard - behind < emitter.cos_cone * distance
 }
 
 /// Unshadowed irradiance of points (h, w, 3) f32 relative to `eye` with shading normals (h, w, 3), per unit of
