@@ -28,7 +28,7 @@ def light_of(light: bpy.types.Light, matrix, name: str, key: str) -> tuple[Light
     matrix = matrix_of(matrix)
     if not are_finite(matrix):
         return None, [f"light '{name}' is left out: its matrix is not finite"]
-    if light.type == "AREA" and light.cycles.is_portal:
+    if light.type == "AREA" and hasattr(light, "cycles") and light.cycles.is_portal:  # with its add-on
         return None, [f"light '{name}' is left out: it is a portal"]
     axes, scale, warnings = _axes(matrix, name)
     emitter, factor, more = _emitter(light, matrix, axes, scale, name)
