@@ -24,6 +24,9 @@ beyond their bound are bold. Written by `python -m strata.scripts.bench.stabilit
 """
 
 
+TITLES = {"shared": "What samples weigh"}
+
+
 def devices() -> list:
     """Those that start here."""
     found = [CpuDevice()]
@@ -47,10 +50,10 @@ def main() -> int:
     """Measures, writes, and returns how many cells are beyond their bounds."""
     lines, beyond = [HEAD], 0
     started = devices()
-    for effect in EFFECTS:
-        rows = rows_of(effect.id, started)
+    for name in (*(effect.id for effect in EFFECTS), "shared"):
+        rows = rows_of(name, started)
         beyond += sum(not error <= row.bound for row in rows for error in row.errors.values())
-        lines += [f"## {effect.id}", "", *table(rows), ""]
+        lines += [f"## {TITLES.get(name, name)}", "", *table(rows), ""]
     described = "; ".join(f"{device.name.upper()}: {device.description}" for device in started)
     lines.insert(1, f"{described}.\n")
     DOCUMENT.write_text("\n".join(lines), encoding="utf-8")

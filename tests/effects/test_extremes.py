@@ -9,7 +9,7 @@ from strata.tests.effects.extremes import rows_of
 from strata.tests.support.gpu_scenes import gpu_device
 
 
-@pytest.mark.parametrize("effect", [effect.id for effect in EFFECTS])
+@pytest.mark.parametrize("effect", [*(effect.id for effect in EFFECTS), "shared"])
 def test_every_extreme_is_within_its_bound(effect):
     rows = rows_of(effect, [CpuDevice(), gpu_device()])
     for row in rows:
