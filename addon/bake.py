@@ -28,6 +28,7 @@ from .devices.start import Devices, start_devices
 from .effects.shared.coarse_picture import take_coarse_picture
 from .effects.shared.steps import ray_accelerator
 from .measure.budget import MeasuringOutlook
+from .measure.kept_samples import pixels_to_keep
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured
 from .measuring import Measuring, unless_cancelled
@@ -160,17 +161,18 @@ class BakeJob:
         cancelled = (*self.devices.primary.cancelled, *self.devices.fallback.cancelled)
         self._measuring = None
         if options.probes != 0 and graph.shot.has_eye:  # probes lie along view rays
-            measurement = Measurement(graph, outline, options.probes, options.seed, cancelled)
+            measurement = Measurement(options.probes, options.seed, cancelled)
             tree = ray_accelerator(outline, graph.shot)
             outlook = MeasuringOutlook(graph, outline, tree, options.probes)
             self._measuring = Measuring(measurement, outlook, executor, outline, graph, before)
+            pixels = sampling.width * sampling.height
+            execution.kept_pixels = pixels_to_keep(pixels, sampling.samples, options.seed)
         self._forecasts[: len(self._forecasts) - len(later)] = [self._forecast(graph, groups, execution)]
         errors: dict[str, LayerError | NotMeasured] = {}
-        collector = self._measuring and self._measuring.measurement
         for count, group in enumerate(groups, start=1):
             self.stage = "Baking"
             sampled = partial(self._show_tile, graph, execution)
-            for _ in executor.run(group, sampling, collector, execution, sampled):
+            for _ in executor.run(group, sampling, execution, sampled):
                 self._show_progress()
                 yield
             if self._measuring:

@@ -13,12 +13,16 @@ from .core.errors import Cancelled
 from .core.executor import Executor
 from .core.graph import Graph, Node, PlannedLayer
 from .core.outline import Outline
+from .core.sampling import jitters
 from .core.slices import timed
 from .devices.cpu import CpuRays
 from .effects.shared.steps import ray_accelerator
 from .measure.budget import MeasuringOutlook, allowed_seconds
+from .measure.footprint import KeptSamples, Probed
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured
+
+REFERENCES_READ = ("position", "geometric_normal", "shading_normal", "depth", "material", "instance")
 
 
 class Measuring:
@@ -54,36 +58,51 @@ class Measuring:
         execution, errors = self._executor.execution, {}
         for number, layer in enumerate(layers, start=1):
             allowed = self._allowed_seconds() / (len(layers) - number + 1)
-            work = self._measured(layer, execution.images[layer.name], allowed)
+            work = self._measured(self._probed(layer), allowed)
             work = self.outlook.watched(timed(self.measurement.guarded(work)))
             error, seconds = yield from work
             self.seconds += seconds
             if isinstance(error, LayerError):
                 error = replace(error, seconds=error.seconds + self._rays_seconds)
             errors[layer.name] = error
-            self.measurement.forget(layer)
+            execution.samples_of.pop(layer.name, None)
         return errors
 
     def seconds_left(self, bake_seconds: float, slower: float) -> float:
         """Where the bake takes so many seconds, with what has been measured so far, on a machine that is so
         many times as slow as an ordinary one."""
-        collected = self.measurement.collecting_seconds
-        return self.outlook.seconds_left(bake_seconds - collected - self.seconds, slower, collected)
+        return self.outlook.seconds_left(bake_seconds - self.seconds, slower)
 
     def _allowed_seconds(self) -> float:
         """What measuring may still take of what has been baked so far."""
         baked = sum(timing.seconds for timing in self._executor.execution.timings.values())
-        spent = self.measurement.collecting_seconds + self.seconds
-        return allowed_seconds(self._seconds_before + baked) - spent
+        return allowed_seconds(self._seconds_before + baked) - self.seconds
 
-    def _measured(
-        self, layer: PlannedLayer, image: np.ndarray, allowed: float
-    ) -> Generator[None, None, LayerError | NotMeasured]:
-        device = self._executor.fallback
-        work = self.measurement.measure(
-            layer, self._rays, device.instance_mask(layer.casters), image, allowed, self.outlook.expect
+    def _measured(self, probed: Probed, allowed: float) -> Generator[None, None, LayerError | NotMeasured]:
+        work = self.measurement.measure(probed, allowed, self.outlook.expect)
+        return (yield from unless_cancelled(work, self._executor.fallback.cancel_flag))
+
+    def _probed(self, layer: PlannedLayer) -> Probed:
+        execution, shot = self._executor.execution, self._graph.shot
+        return Probed(
+            layer,
+            self._graph.layers,
+            self._outline,
+            shot,
+            execution.images[layer.name],
+            execution.weights.get(layer.name),
+            self._kept_samples(layer),
+            self._rays,
+            self._executor.fallback.instance_mask(layer.casters),
         )
-        return (yield from unless_cancelled(work, device.cancel_flag))
+
+    def _kept_samples(self, layer: PlannedLayer) -> KeptSamples | None:
+        execution = self._executor.execution
+        if layer.name not in execution.samples_of:
+            return None
+        values = execution.samples_of[layer.name]
+        offsets = jitters(self._graph.shot.pixel_filter, len(values))
+        return KeptSamples(execution.kept_pixels, values, offsets)
 
     def _started_rays(self) -> Generator[None, None, CpuRays]:
         """What references trace with."""
@@ -97,10 +116,16 @@ class Measuring:
             accelerator,
             np.array(graph.shot.origin),
             device.cancel_flag,
-            device.camera_rays(graph.shot, graph.surface.params["visible"], graph.surfaces[graph.surface]),
+            device.camera_rays(graph.shot, graph.surface.params["visible"], self._attributes()),
             value=lambda node: executor.value(node, device),
             texture=device.texture,
         )
+
+    def _attributes(self) -> frozenset[str]:
+        """What references read of surfaces."""
+        known = self._graph.surfaces[self._graph.surface]
+        has_uv = "uv" in self._graph.wants
+        return known.union(REFERENCES_READ, ("uv",) if has_uv else ())
 
 
 def unless_cancelled[Result](

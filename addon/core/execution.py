@@ -26,14 +26,18 @@ class Timing:
 class Execution:
     """What came out. `images`: finished ones, (height, width[, channels]) float32 by layer name, row 0 at the
     bottom; `films`: those under way, by the name of what they take (core/film.py). `weights`: of finished
-    layers that are weighed, the mean weight of each pixel's samples, (height, width[, channels]). `samples`
-    counts those that the whole image has (with a progressive sampling). Several runs may add to one."""
+    layers that are weighed, the mean weight of each pixel's samples, (height, width[, channels]).
+    `kept_pixels`: ascending numbers, row by row, of pixels of which measured layers keep every sample; None:
+    of no pixel. `samples_of`: those of finished layers, (samples, pixels, channels). `samples` counts those
+    that the whole image has (with a progressive sampling). Several runs may add to one."""
 
     images: dict[str, np.ndarray] = field(default_factory=dict)
     films: dict[str, Film] = field(default_factory=dict)
     weights: dict[str, np.ndarray] = field(default_factory=dict)
     timings: dict[tuple[str, str], Timing] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    kept_pixels: np.ndarray | None = None
+    samples_of: dict[str, np.ndarray] = field(default_factory=dict)
     samples: int = 0
 
     def add(self, take: Take, chunk: Chunk, tile: np.ndarray, weight: np.ndarray | None) -> None:
@@ -43,7 +47,8 @@ class Execution:
         if take.name not in self.films:
             shape = (chunk.height, *tile.shape[1:])
             weights = None if weight is None else (chunk.height, *weight.shape[1:])
-            self.films[take.name] = Film(take.name, shape, take.reduce, weights, take.has_squares)
+            kept = self.kept_pixels if take.is_measured else None
+            self.films[take.name] = Film(take.name, shape, take.reduce, weights, take.has_squares, kept)
         self.films[take.name].add(chunk, tile, weight)
 
     def finish(self, take: Take) -> None:
@@ -52,6 +57,8 @@ class Execution:
         self.images[take.name] = film.finished()
         if film.weights is not None:
             self.weights[take.name] = film.weights
+        if film.samples:
+            self.samples_of[take.name] = np.array(film.samples)
 
     def image(self, name: str) -> np.ndarray:
         """A finished image, or what its samples so far make."""

@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -21,18 +21,6 @@ from .reach import margins_of, reach_of
 from .sampling import Sampling
 from .surface import Chunk
 from .value_stores import FrameValues, SceneValues, TileValues
-
-
-class Collector(Protocol):
-    """Sees every tile of the first sample as it is made; measuring draws its probes here. `surface`: the
-    node whose shading points it wants to see."""
-
-    surface: Node
-
-    def add(
-        self, chunk: Chunk, surface: dict[str, np.ndarray], layers: dict[str, np.ndarray]
-    ) -> Iterator[None]:
-        """`surface` and `layers` are host arrays (rows, width[, channels]). Yields between slices of work."""
 
 
 @dataclass
@@ -91,7 +79,6 @@ class Executor:
         self,
         graph: Graph,
         sampling: Sampling,
-        collector: Collector | None = None,
         execution: Execution | None = None,
         sampled: Callable[[Chunk], None] | None = None,
     ) -> Iterator[float]:
@@ -107,7 +94,7 @@ class Executor:
         context.margins = margins_of(graph, takes)
         at = {rate: [node for node in nodes if node.rate == rate] for rate in Rate}
         taken = _taken_after(at[Rate.SAMPLE], takes)
-        spent = _last_uses(at[Rate.SAMPLE], taken, collector and collector.surface)
+        spent = _last_uses(at[Rate.SAMPLE], taken)
         total = len(at[Rate.SCENE]) + len(at[Rate.SAMPLE]) * sampling.chunk_count + len(at[Rate.PICTURE])
         missing = self._missing(
             [*at[Rate.SAMPLE], *at[Rate.PICTURE], *(layer.node for layer in graph.layers)]
@@ -125,25 +112,14 @@ class Executor:
                 yield done / total
             for chunk in sampling.chunks():
                 context.chunk = chunk
-                collected: dict[str, np.ndarray] = {}
-                watching = collector is not None and chunk.sample == 0
                 for node in at[Rate.SAMPLE]:
                     self._go_on(context)
                     self._make(node)
                     for take in taken.get(node, ()):
-                        tile = self.collect(take, chunk)
-                        collected |= {take.name: tile} if take.is_whole else {}
+                        self.collect(take, chunk)
                     tile_values.forget({each.key for each in spent.get(node, ())})
                     done += 1
                     yield done / total
-                self._go_on(context)
-                if watching:
-                    device = self._home(collector.surface)
-                    surface = device.to_host(self.value(collector.surface, device))
-                    for _ in collector.add(chunk, surface, collected):
-                        yield done / total
-                        self._raise_if_cancelled()
-                        self._go_on(context)
                 tile_values.clear()
                 if chunk.y1 == sampling.height:
                     context.execution.samples = chunk.sample + 1
@@ -212,8 +188,8 @@ class Executor:
         finally:
             tile_values.clear()
 
-    def collect(self, take: Take, chunk: Chunk) -> np.ndarray:
-        """Adds a film's tile of the run or frame that worked last; returns the tile on the host."""
+    def collect(self, take: Take, chunk: Chunk) -> None:
+        """Adds a film's tile of the run or frame that worked last."""
         started = time.perf_counter()
         device = self._home(take.node)
         tile, weight = device.to_host(self.value(take.node, device)), None
@@ -221,7 +197,6 @@ class Executor:
             weight = self._home(take.weight).to_host(self.value(take.weight, self._home(take.weight)))
         self.execution.add(take, chunk, tile, weight)
         self.execution.add_time(take.node, device.name, time.perf_counter() - started, runs=0)
-        return tile
 
     def _go_on(self, context: _Context) -> None:
         self._now = context
@@ -391,17 +366,13 @@ def _taken_after(nodes: Sequence[Node], takes: Iterable[Take]) -> dict[Node, lis
     return taken
 
 
-def _last_uses(
-    nodes: Sequence[Node], taken: dict[Node, list[Take]], spared: Node | None
-) -> dict[Node, list[Node]]:
-    """Of nodes at the surface in their order: what no later one reads, by the last that does, but for
-    `spared`."""
+def _last_uses(nodes: Sequence[Node], taken: dict[Node, list[Take]]) -> dict[Node, list[Node]]:
+    """Of nodes at the surface in their order: what no later one reads, by the last that does."""
     last: dict[Node, Node] = {}
     for node in nodes:
         read = (each for take in taken.get(node, ()) for each in (take.node, take.weight) if each)
         last |= {item: node for item in (*node.inputs, node, *read) if item.rate == Rate.SAMPLE}
     spent: dict[Node, list[Node]] = {}
     for item, node in last.items():
-        if item != spared:
-            spent.setdefault(node, []).append(item)
+        spent.setdefault(node, []).append(item)
     return spent

@@ -15,7 +15,8 @@ from .surface import Chunk
 class Film:
     """One image of `shape` (height, width[, channels]) float32, row 0 at the bottom: the mean of its samples,
     or that of samples that weigh (`weights`: the shape of what they do, one channel or as many as the image).
-    `has_squares`: it has the mean of their squares too. Raises StrataError where there is no memory for it.
+    `has_squares`: it has the mean of their squares too. `samples`: each by itself (pixels, channels), at the
+    ascending `kept_pixels`, numbered row by row. Raises StrataError where there is no memory for it.
 
     No pixel's weights may all be 0: what weighs has a floor (effects/shared/weights.py).
     """
@@ -27,8 +28,10 @@ class Film:
         reduce: Reduce = Reduce.MEAN,
         weights: tuple[int, ...] | None = None,
         has_squares: bool = False,
+        kept_pixels: np.ndarray | None = None,
     ):
         self.reduce = reduce
+        self._kept_pixels, self.samples = kept_pixels, []
         self._samples = np.zeros(shape[0], np.int32)  # of each row
         try:
             # Sums over the samples; a mean so far where they weigh, which keeps the bits of what is constant.
@@ -45,6 +48,8 @@ class Film:
         if self.reduce == Reduce.FIRST and chunk.sample:
             return
         self._samples[rows] = np.maximum(self._samples[rows], chunk.sample + 1)
+        if self._kept_pixels is not None:
+            self._keep(chunk, tile)
         share = None
         if self.weights is not None:
             self.weights[rows] += weight
@@ -54,6 +59,14 @@ class Film:
         if self._squares is not None:
             with np.errstate(over="ignore", invalid="ignore"):  # squares of what is just finite
                 _join(self._squares[rows], tile * tile, share)
+
+    def _keep(self, chunk: Chunk, tile: np.ndarray) -> None:
+        first, last = np.searchsorted(self._kept_pixels, (chunk.y0 * chunk.width, chunk.y1 * chunk.width))
+        flat = tile.reshape(tile.shape[0] * tile.shape[1], -1)
+        while len(self.samples) <= chunk.sample:
+            self.samples.append(np.zeros((len(self._kept_pixels), flat.shape[1]), np.float32))
+        inside = self._kept_pixels[first:last] - chunk.y0 * chunk.width
+        self.samples[chunk.sample][first:last] = flat[inside]
 
     def image(self, rows: slice = slice(None)) -> np.ndarray:
         """What the samples so far make of some rows, as an array of its own."""
@@ -96,6 +109,7 @@ class Take:
     has_squares: bool = False
     is_whole: bool = True
     spread: int = 0
+    is_measured: bool = False
 
 
 def takes_of(graph: Graph) -> tuple[Take, ...]:
@@ -109,6 +123,7 @@ def takes_of(graph: Graph) -> tuple[Take, ...]:
             layer.kind.reduce,
             is_whole=layer.is_whole,
             spread=len(layer.channels) * layer.kind.is_spread,
+            is_measured=layer.kind.score is not None,
         )
         for layer in graph.layers
         if layer.node.rate != Rate.PICTURE

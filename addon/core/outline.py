@@ -299,6 +299,7 @@ class Outline:
     images: tuple[Image, ...] = ()
     warnings: tuple[str, ...] = ()
     working_space: str = "Linear Rec.709"
+    exposure: float = 1.0
     distance_m: Callable[[int, Vector, float], float] | None = field(default=None, compare=False)
     version: int = 0
     world_medium: Medium | None = None

@@ -40,8 +40,6 @@ def margins_of(graph: Graph, takes: Iterable[Take]) -> dict[Node, tuple[int, ...
         wanted.setdefault(take.node, set()).add(0)
         if take.weight is not None:
             wanted.setdefault(take.weight, set()).add(0)
-    if graph.surface is not None:
-        wanted.setdefault(graph.surface, set()).add(0)  # a collector's
     for node in reversed(graph.nodes()):
         reach = reach_of(node)
         if (node.rate == Rate.PICTURE and reach) or (node.step.reach == WHOLE and any(wanted.get(node, ()))):

@@ -67,13 +67,11 @@ class MeasuringOutlook:
             self._current += time.perf_counter() - started
             yield
 
-    def seconds_left(
-        self, baking_seconds: float, slower: float = 1.0, collecting_seconds: float = 0.0
-    ) -> float:
+    def seconds_left(self, baking_seconds: float, slower: float = 1.0) -> float:
         """Where the bake without measuring takes so many seconds on a machine that is so many times as slow
-        as an ordinary one, and drawing the probes took so many."""
+        as an ordinary one."""
         tree = 0.0 if self.has_tree else slower * self._tree
-        allowed = allowed_seconds(baking_seconds) - collecting_seconds - tree - self._taken
+        allowed = allowed_seconds(baking_seconds) - tree - self._taken
         left, layers = tree, self._layers[self._done :]
         for number, layer in enumerate(layers):
             expected = self._usual_seconds(layer, allowed / (len(layers) - number), slower)

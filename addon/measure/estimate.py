@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .deviation import Deviations
 from .interval import Part
 
 CENSUS_UNSEEN = 0.41
@@ -24,24 +25,13 @@ SMALLEST_CHANCE = 2.0**-9
 
 
 @dataclass(frozen=True)
-class Measured:
-    """Pixels seen by the slow reference. `values` (M,) of the layer, `halves` (M, 2) the reference's two
-    independent estimates, `weights` (M,); float64."""
+class Contradicted:
+    """Pixels that the layer calls 0 or 1, seen by the slow reference. `halves` (M, 2): of the rays of two
+    independent halves, the share that says the other; `weights` (M,): what the square of such a share counts
+    for; float64."""
 
-    values: np.ndarray
     halves: np.ndarray
     weights: np.ndarray
-
-    @property
-    def errors(self) -> np.ndarray:
-        """(M,) layer minus truth, with the reference's noise."""
-        return self.values - self.halves.mean(axis=1)
-
-    @property
-    def squares(self) -> np.ndarray:
-        """(M,) squared errors without the noise's own square: the halves' noises are independent, so that
-        E (v - h1)(v - h2) = (v - truth)^2. May be negative."""
-        return (self.values - self.halves[:, 0]) * (self.values - self.halves[:, 1])
 
     @property
     def noise_variances(self) -> np.ndarray:
@@ -56,7 +46,7 @@ def unseen_weight(weights: np.ndarray) -> float:
 
 
 def binary_part(
-    population: int, screened_weights: np.ndarray, flagged: int, rays: int, measured: Measured
+    population: int, screened_weights: np.ndarray, flagged: int, rays: int, measured: Contradicted
 ) -> tuple[Part, np.ndarray]:
     """A stratum whose values are 0 or 1, screened with `rays` single rays a pixel.
 
@@ -65,14 +55,14 @@ def binary_part(
     Thompson), so what the rays agree with needs no second look. `measured`: a random part of the `flagged`.
     Returns the Part, and how many pixels each measured one stands for (M,).
     """
-    screened, looked_at = len(screened_weights), len(measured.values)
+    screened, looked_at = len(screened_weights), len(measured.weights)
     if not screened:
         return Part(0.0, 0.0, 0.0, 0.0), np.zeros(0)
     share = screened / population
     unseen = unseen_weight(screened_weights) / share * max(1.0 - share, CENSUS_UNSEEN / rays)
     if not looked_at:
         return Part(0.0, 0.0, 0.0, unseen), np.zeros(0)
-    errors = np.clip(np.abs(measured.errors), 0.0, 1.0)
+    errors = np.clip(measured.halves.mean(axis=1), 0.0, 1.0)
     repeats = flagged / looked_at  # flagged pixels that each measured one stands for
     chances = _chance(errors, rays)
     sampling = repeats / (share * chances)
@@ -102,38 +92,36 @@ def _counted(errors: np.ndarray, rays: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Group:
-    """`size` screened pixels whose value differs from the screening by at most `edge`, and those measured."""
+    """`size` screened pixels whose error is at most `edge`, and those of them that were measured."""
 
     size: int
     edge: float
-    measured: Measured
+    measured: Deviations
 
 
 def grouped_part(
-    population: int, screened_weights: np.ndarray, screened_values: np.ndarray, groups: list[Group]
+    population: int, shares: np.ndarray, worst: np.ndarray, groups: list[Group]
 ) -> tuple[Part, list[np.ndarray]]:
-    """A stratum with values between 0 and 1: double sampling for stratification (Cochran, Sampling
-    Techniques, 12.2). The screening only sorts pixels into groups; each group is then sampled at its own
-    rate. Returns the Part and, for each group, how many pixels each measured one stands for (M,)."""
-    screened = len(screened_weights)
+    """A stratum of any values: double sampling for stratification (Cochran, Sampling Techniques, 12.2). The
+    screening only sorts pixels into groups; each group is then sampled at its own rate. `shares` (S,) of the
+    screened pixels (Deviations.share), `worst` (S,) the largest errors that their values allow. Returns the
+    Part and, for each group, how many pixels each measured one stands for (M,)."""
+    screened = len(shares)
     if not screened:
         return Part(0.0, 0.0, 0.0, 0.0), [np.zeros(0) for _ in groups]
     share = screened / population
-    worst = np.maximum(screened_values, 1.0 - screened_values) ** 2
-    weight = unseen_weight(screened_weights)
-    unseen = [weight * float(worst.mean()) / share * (1.0 - share)]
+    weight = unseen_weight(shares**2)
+    unseen = [float((worst**2).mean()) / share * (1.0 - share)]
     means, sizes, samplings, total, variance, noise_variance = [], [], [], 0.0, 0.0, 0.0
     for group in groups:
-        measured, count = group.measured, len(group.measured.values)
+        count = len(group.measured)
         stands_for = group.size / share
         samplings.append(np.full(count, stands_for / count if count else 0.0))
         if not count:
             continue
-        counts = measured.weights * measured.squares
+        counts = group.measured.squares
         spread = float(counts.var(ddof=1)) if count > 1 else float(counts[0] ** 2)
-        # Var (e + a)(e + b) = 2 e^2 s + s^2 for noises a, b of variance s.
-        noise = 2.0 * np.maximum(measured.squares, 0.0) * measured.noise_variances
-        noise = float((measured.weights**2 * (noise + measured.noise_variances**2)).mean())
+        noise = float(group.measured.square_variances.mean())
         measured_share = count / stands_for
         mean = float(counts.mean())
         total += stands_for * mean
@@ -163,10 +151,10 @@ class Compared:
         """(M, channels) layer minus truth, with the reference's noise."""
         return self.values - self.estimates.mean(axis=0)
 
-    @property
-    def magnitudes(self) -> np.ndarray:
-        """(M,) root mean square of the truth over channels."""
-        return np.sqrt((self.estimates.mean(axis=0) ** 2).mean(axis=1))
+    def as_shares(self, mean: float) -> Compared:
+        """The same in shares of the brightness at each pixel: of the truth there and `mean`."""
+        whole = np.abs(self.estimates.mean(axis=0)).mean(axis=1, keepdims=True) + mean
+        return Compared(self.population, self.values / whole, self.estimates / whole)
 
     @property
     def squares(self) -> np.ndarray:

@@ -39,9 +39,10 @@ class StepTime:
 
 @dataclass(frozen=True)
 class LayerError:
-    """A layer's error (docs/accuracy.md); `seconds` is what measuring it took. Only radiance layers have
-    `share_off_by_1_percent`, only masks `mean_absolute_error`; `probes_in_time`: for how many there was time,
-    where nobody said how many."""
+    """A layer's error (docs/accuracy.md); `seconds` is what measuring it took. Parts of `value`: `method`,
+    what the effect gets wrong where it was evaluated, and `sampling`, the rest; `model`: what such a layer
+    cannot hold; `display`: the same on a display. Only masks have `mean_absolute_error`. `probes_in_time`:
+    for how many there was time, where nobody said how many."""
 
     metric: str
     value: float
@@ -53,7 +54,10 @@ class LayerError:
     reference: str
     reference_noise: float
     seconds: float
-    share_off_by_1_percent: float | None = None
+    method: float | None = None
+    sampling: float | None = None
+    model: float | None = None
+    display: float | None = None
     mean_absolute_error: float | None = None
     probes_in_time: int | None = None
 
@@ -251,7 +255,7 @@ def _judged(layer: PlannedLayer, error: LayerError | NotMeasured | None, outline
         return {"verdict": words}
     if params is not None and layer.of.is_lamp:
         params = outline.lights[layer.of.index].params_for(layer.effect, params)
-    settings = score.lowered_by(params)
+    settings = score.lowered_by(params, error)
     advised = advice(settings, type(params) if params is not None else None)
     return {"verdict": words, "lowered_by": settings, "advice": advised}
 

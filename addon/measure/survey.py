@@ -1,159 +1,132 @@
 """A stratum under measurement: screened with few rays, then looked at with many where that pays.
 
-Screening is a generator that yields between slices of work. `BinarySurvey` and `PenumbraSurvey` offer
-`groups` of pixels (indices, in random order) with a `wish` for probes each; `estimate` takes what the probes
-of each group found.
+Each kind of survey offers `groups` of its screened pixels (indices, in random order) with a `wish` for probes
+each; `estimate` takes what the probes of each group found.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.random import hash_bits
-from ..core.surface import SurfacePoints
-from .estimate import Group, Measured, binary_part, grouped_part
+from .deviation import Deviations, joined_deviations
+from .estimate import Contradicted, Group, binary_part, grouped_part
 from .interval import Part
-from .shadow_probes import Stratum, take
-
-RAYS_AT_ONCE = 1 << 15
-"""Between two yields: some hundredths of a second."""
-
-SCREENING_SAMPLES = 4
-"""Rays of each half that sorts the penumbra's pixels into groups."""
+from .strata import Stratum
 
 EDGES = (0.2, 0.4, 1.0)
 """The groups' largest differences between layer and screening. Eight well-spread rays err by about 0.1, so
 that few correct pixels leave the first group, and no error of 0.6 stays in it."""
 
-Weigh = Callable[[SurfacePoints], np.ndarray]
-"""weigh(points): the weights (N,), unshadowed irradiance at radiance 1."""
-
-Screen = Callable[[SurfacePoints, int], np.ndarray]
-"""screen(points, seed): (N, R) estimates of visibility by one ray each, 0 or 1."""
-
-Reference = Callable[[SurfacePoints, int, int], tuple[np.ndarray, np.ndarray]]
-"""reference(points, samples, seed): (N, 2) independent estimates by `samples` rays each, and weights (N,)."""
-
-
-def in_slices(
-    function: Callable[[SurfacePoints, int], np.ndarray], points: SurfacePoints, rays: int, seed: int
-) -> Generator[None, None, list]:
-    """What `function(points, seed)` returns, for a few points at a time; `rays` that each of them takes."""
-    step = max(RAYS_AT_ONCE // rays, 1)
-    results = []
-    for number, start in enumerate(range(0, len(points.position), step)):
-        results.append(function(take(points, slice(start, start + step)), int(hash_bits(seed, number))))
-        yield
-    return results
-
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a stratum adds to the image. `part`: the sum over its pixels of weight * error^2; `weight` and
-    `bias`: those of weight and of weight * error; `errors`, `weights` and `sampling` (N,): pixels that
-    stand for all of it."""
+    """What a stratum adds to the image. `part`: the sum over its pixels of squared errors; `count`: how many
+    of them multiply anything; `found` and `sampling` (N,): pixels that stand for all of it."""
 
     part: Part
-    weight: float
-    bias: float
-    errors: np.ndarray
-    weights: np.ndarray
+    count: float
+    found: Deviations
     sampling: np.ndarray
 
 
+@dataclass(frozen=True)
+class Screened:
+    """Some pixels of a stratum by a few rays each. `pixels` (S,) in random order; `values` (S, channels) of
+    the layer; `rays`: of each pixel; `told`: what they say; `count`: how many of the whole stratum multiply
+    anything."""
+
+    stratum: Stratum
+    pixels: np.ndarray
+    values: np.ndarray
+    rays: int
+    told: Deviations
+    count: float
+
+
 class BinarySurvey:
-    """Pixels that the layer calls wholly lit or wholly dark: one group, those that some ray contradicts.
+    """Pixels that the layer calls wholly lit or wholly dark: one group, those that some ray contradicts."""
 
-    `stratum`: the screened pixels, `weights` (N,) float64 theirs, `estimates` (N, R) what their rays say;
-    `mean_weight` of all that were kept.
-    """
+    def __init__(self, screened: Screened):
+        self.screened = screened
+        flagged = screened.told.contradicted.any(axis=1)
+        self.groups = [np.flatnonzero(flagged)]
+        weight = float((screened.told.share**2).mean()) if len(flagged) else 0.0
+        self.wishes = [float(flagged.mean()) * weight * screened.stratum.population if len(flagged) else 0.0]
+        self._agreed = np.flatnonzero(~flagged)
 
-    def __init__(self, stratum: Stratum, weights: np.ndarray, estimates: np.ndarray, mean_weight: float):
-        self._weight = stratum.population * mean_weight
-        self.stratum, self._weights, self._estimates = stratum, weights, estimates
-        count = len(weights)
-        contradicted = (np.abs(self._estimates - self.stratum.values[:, None]) > 0.5).any(axis=1)
-        self.groups = [_shuffled(np.flatnonzero(contradicted), self.stratum)]
-        self.wishes = [len(self.groups[0]) / count * self._weight]
-        self._agreed = np.flatnonzero(~contradicted)
-
-    def estimate(self, measured: Sequence[Measured]) -> Estimate:
+    def estimate(self, measured: Sequence[Deviations]) -> Estimate:
         (found,) = measured
-        population, screened = self.stratum.population, len(self.stratum.values)
-        rays = self._estimates.shape[1]
-        part, sampling = binary_part(population, self._weights, len(self.groups[0]), rays, found)
-        # One ray is an unbiased estimate, so the bias needs no probes.
-        differences = self.stratum.values - self._estimates.mean(axis=1)
-        others = max(population - sampling.sum(), 0.0) / max(len(self._agreed), 1)
+        screened = self.screened
+        contradicted = found.contradicted.mean(axis=1)
+        # How much of the light the contradicted rays are of: errors are that times their share.
+        counts_for = (found.sizes / np.maximum(contradicted, 1e-9)) ** 2
+        part, sampling = binary_part(
+            screened.stratum.population,
+            screened.told.share**2,
+            len(self.groups[0]),
+            screened.rays,
+            Contradicted(found.contradicted, counts_for),
+        )
+        agreed = screened.told[self._agreed]
+        others = max(screened.stratum.population - sampling.sum(), 0.0) / max(len(agreed), 1)
         return Estimate(
             part,
-            self._weight,
-            population / screened * float((self._weights * differences).sum()),
-            np.concatenate([found.errors, np.zeros(len(self._agreed))]),
-            np.concatenate([found.weights, self._weights[self._agreed]]),
-            np.concatenate([sampling, np.full(len(self._agreed), others)]),
+            screened.count,
+            joined_deviations([found, agreed]),
+            np.concatenate([sampling, np.full(len(agreed), others)]),
         )
 
 
-class PenumbraSurvey:
-    """Pixels that the layer says are partly lit, grouped by how far a few rays are from it; `estimates`
-    (N, 2) by those rays, the rest as for BinarySurvey."""
+class GroupedSurvey:
+    """Pixels that the layer says are partly lit, or all of a layer that is exact, grouped by how far a few
+    rays are from it."""
 
-    def __init__(self, stratum: Stratum, weights: np.ndarray, estimates: np.ndarray, mean_weight: float):
-        self._weight = stratum.population * mean_weight
-        self.stratum, self._weights = stratum, weights
-        differences = np.abs(stratum.values - estimates.mean(axis=1))
+    def __init__(self, screened: Screened):
+        self.screened = screened
+        differences = screened.told.contradicted.mean(axis=1)
         group = np.digitize(differences, EDGES[:-1])
-        self.groups = [_shuffled(np.flatnonzero(group == each), self.stratum) for each in range(len(EDGES))]
+        self.groups = [np.flatnonzero(group == each) for each in range(len(EDGES))]
+        weight = float((screened.told.share**2).mean()) if len(group) else 0.0
         # So that a bad pixel that is missed costs the same in each.
         self.wishes = [
-            len(members) / len(group) * self._weight * edge**2
+            len(members) / max(len(group), 1) * weight * screened.stratum.population * edge**2
             for members, edge in zip(self.groups, EDGES, strict=True)
         ]
 
-    def estimate(self, measured: Sequence[Measured]) -> Estimate:
-        population = self.stratum.population
+    def estimate(self, measured: Sequence[Deviations]) -> Estimate:
+        screened = self.screened
         sizes = [len(members) for members in self.groups]
         groups = [Group(*each) for each in zip(sizes, EDGES, measured, strict=True)]
-        part, sampling = grouped_part(population, self._weights, self.stratum.values, groups)
-        errors = np.concatenate([found.errors for found in measured])
-        weights = np.concatenate([found.weights for found in measured])
-        sampling = np.concatenate(sampling)
-        bias = float((sampling * weights * errors).sum())
-        return Estimate(part, self._weight, bias, errors, weights, sampling)
+        worst = np.maximum(screened.values, 1.0 - screened.values).max(axis=1) * screened.told.share
+        population = screened.stratum.population
+        part, sampling = grouped_part(population, screened.told.share, worst, groups)
+        return Estimate(part, screened.count, joined_deviations(measured), np.concatenate(sampling))
 
 
-def screened_binary(
-    stratum: Stratum, weights: np.ndarray, looks: int, screen: Screen, seed: int
-) -> Generator[None, None, BinarySurvey]:
-    """Screens `looks` pixels of the stratum by single rays, each several times where there are fewer."""
-    index = stratum.smallest(looks)
-    chosen = stratum.at(index)
-    repeated = take(chosen.points, np.repeat(np.arange(len(index)), max(looks // len(index), 1)))
-    estimates = yield from in_slices(screen, repeated, 2, seed)
-    estimates = np.concatenate(estimates).astype(np.float64).reshape(len(index), -1)
-    return BinarySurvey(chosen, weights[index], estimates, float(weights.mean()))
+class EmptySurvey:
+    """Pixels whose samples found nothing that the layer multiplies: only those where rays find something may
+    be wrong. One bad pixel that was missed is not counted: what no sample met is next to nothing."""
+
+    def __init__(self, screened: Screened):
+        self.screened = screened
+        self.groups = [np.flatnonzero(screened.told.has_light)]
+        self.wishes = [float(len(self.groups[0]))]
+
+    def estimate(self, measured: Sequence[Deviations]) -> Estimate:
+        (found,) = measured
+        screened, share = self.screened, len(self.screened.pixels) / self.screened.stratum.population
+        stands_for = len(self.groups[0]) / share if share else 0.0
+        sampling = np.full(len(found), stands_for / max(len(found), 1))
+        total = float((sampling * found.squares).sum())
+        spread = float(found.squares.var(ddof=1)) if len(found) > 1 else float((found.squares**2).sum())
+        part = Part(total, stands_for**2 / max(len(found), 1) * spread, 0.0, 0.0)
+        return Estimate(part, screened.count, found, sampling)
 
 
-def screened_penumbra(
-    stratum: Stratum, weights: np.ndarray, looks: int, reference: Reference, seed: int
-) -> Generator[None, None, PenumbraSurvey]:
-    """Screens `looks` pixels of the stratum by a few rays."""
-    index = stratum.smallest(looks)
-    chosen = stratum.at(index)
-
-    def few(points: SurfacePoints, seed: int) -> np.ndarray:
-        return np.asarray(reference(points, SCREENING_SAMPLES, seed)[0], np.float64)
-
-    estimates = yield from in_slices(few, chosen.points, 2 * SCREENING_SAMPLES, seed)
-    return PenumbraSurvey(chosen, weights[index], np.concatenate(estimates), float(weights.mean()))
-
-
-def _shuffled(members: np.ndarray, stratum: Stratum) -> np.ndarray:
-    return members[np.argsort(stratum.priorities[members])]
+Survey = BinarySurvey | GroupedSurvey | EmptySurvey
 
 
 def allot(total: int, sizes: Sequence[int], wishes: Sequence[float]) -> list[int]:

@@ -165,6 +165,7 @@ class _Scanner:
             images=tuple(self.images.headers),
             warnings=tuple(self.warnings),
             working_space=bpy.data.colorspace.working_space,
+            exposure=2.0**scene.view_settings.exposure,
             world_medium=world_medium,
             world_light=world.name if world is not None and gives_light(world) else "",
             stamp=stamp_of(scene, raster.camera.name),

@@ -14,7 +14,8 @@ import numpy as np
 from ...core.device import RayCaster
 from ...core.emitter import Emitter, EmitterKind
 from ...core.surface import SurfacePoints
-from ...measure.visibility import VisibilityScore
+from ...measure.in_use import InUseScore
+from . import light_truth
 
 # Points are lifted off their surface by this share of their distance to the eye, more than float32 rounds
 # them by; a pixel is some hundred times larger.
@@ -66,13 +67,21 @@ def screened(
     )
 
 
-def unshadowed(rays: RayCaster, emitter: Emitter, points: SurfacePoints) -> np.ndarray:
-    """(N,) float32: what each point gets at radiance 1 if nothing is in the way."""
-    position, normal = points.position[None], points.shading_normal[None]
-    return rays.kernels.irradiance(position, normal, points.eye, emitter.packed())[0]
+def truth(rays, outline, layer, layers, casters, view_rays, samples, seed):
+    """Of an InUseScore: V of the layer's lamp along view rays, by `samples` rays of each of two estimates,
+    and the light that it multiplies. One estimate for one ray, 0 or 1, and ones for none."""
+    light = light_truth.before(rays, outline, layer, layers, view_rays, seed)
+    values, lit = np.ones((2 if samples > 1 else 1, len(view_rays), 1)), np.flatnonzero(light.any(axis=1))
+    if len(lit) and samples:
+        points, emitter = light_truth.points_of(view_rays, lit), outline.lights[layer.of.index].emitter
+        if samples == 1:
+            values[0, lit, 0] = screened(rays, emitter, casters, points, seed)[:, 0]
+        else:
+            values[:, lit, 0] = evaluate(rays, emitter, casters, points, samples, seed)[0].T
+    return values, light
 
 
-SCORE = VisibilityScore(evaluate, screened, unshadowed)
+SCORE = InUseScore(truth, is_binary=True, reference_name="ray traced")
 """Of every layer that is a lamp's visibility."""
 
 

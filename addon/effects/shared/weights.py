@@ -16,6 +16,7 @@ from ...core.outline import Light, Outline
 from ...core.recorder import Recorder
 from ...core.roles import PRODUCT, Of
 from ...core.weight import Weight
+from ...core.working_space import luminance_of
 from . import composite, gpu_lit, lit, steps
 
 MOST = 1e30
@@ -24,12 +25,6 @@ FLOOR, FLOOR_OFF_SURFACES = 1e-30, 1e-36
 surfaces, and over all of them where none is."""
 
 WHITE = (1.0, 1.0, 1.0)
-LUMINANCE = {
-    "Linear Rec.709": (0.2126, 0.7152, 0.0722),
-    "Linear Rec.2020": (0.2627, 0.6780, 0.0593),
-    "ACEScg": (0.2722287, 0.6740818, 0.0536895),
-}
-"""Of the working space's primaries: ITU-R BT.709 and BT.2020, SMPTE ST 2065-1's AP1."""
 
 
 def _weight(device, colour, *factors, share, luminance, limits):
@@ -102,13 +97,12 @@ def _node(
     recorder, outline, layer: PlannedLayer, *factors: Node, share=WHITE, off_surfaces=FLOOR_OFF_SURFACES
 ):
     """A colour weighs channel by channel."""
-    luminance = LUMINANCE.get(outline.working_space, LUMINANCE["Linear Rec.709"])
     return recorder.step(
         WEIGHT,
         *factors,
         instance=layer.light or layer.name,
         share=share,
-        luminance=None if len(layer.channels) == 3 else luminance,
+        luminance=None if len(layer.channels) == 3 else luminance_of(outline.working_space),
         limits=(MOST, FLOOR, off_surfaces),
     )
 

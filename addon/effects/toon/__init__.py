@@ -4,7 +4,7 @@ import math
 
 from ...core.effect import Effect, LayerKind, Need
 from ...core.roles import Role
-from ...measure.image import MaskScore
+from ...measure.mask import MaskScore
 from .gpu_steps import variants
 from .params import ToonObjectParams, ToonParams
 from .reference import halftone, outline_ink, toon

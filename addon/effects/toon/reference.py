@@ -17,7 +17,7 @@ from ...core.outline import Outline
 from ...core.shot import Raster
 from ...core.surface import SurfacePoints
 from ...core.view_rays import ViewRays
-from ..shared import lit, visibility_truth
+from ..shared import light_truth, lit, visibility_truth
 from .hull_rays import HullRays
 from .object_settings import excluded_instances, settings_of
 from .params import NO_FADE, Anchor, Light, Mix, Normals, ShadowEdge, ToonParams
@@ -109,7 +109,7 @@ def _light(rays: RayCaster, outline: Outline, params: ToonParams, seen: ViewRays
             reached = np.isin(surface["instance"][found], sorted(lamp.receivers))
         visible = _visible(rays, outline, params, lamp, at, seed + index)
         if params.light == Light.BRIGHTNESS:
-            sent = visibility_truth.unshadowed(rays, lamp.emitter, at).astype(np.float64) * reached
+            sent = light_truth.unshadowed(rays, lamp.emitter, at).astype(np.float64) * reached
             brightness = max(float(np.dot((0.2126, 0.7152, 0.0722), lit.brightness(lamp))), 0.0)
             light[found] += params.exposure * brightness / np.pi * sent * visible
             full[found] = 1.0

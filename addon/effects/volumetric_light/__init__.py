@@ -2,7 +2,9 @@
 
 from ...core.effect import Effect, LayerKind, Need
 from ...core.roles import Role, Subject
-from ...measure.image import LightScore
+from ...measure.in_use import InUseScore
+from ...measure.light import LightScore
+from ..shared.light_truth import over_the_picture
 from .gpu_steps import variants
 from .params import VolumetricLightParams
 from .reference import scattered, transmitted
@@ -23,7 +25,7 @@ EFFECT = Effect(
         LayerKind(
             title="Transmittance",
             channels="RGB",
-            score=LightScore(transmitted, "exact", probe_seconds=3e-5),
+            score=InUseScore(over_the_picture(transmitted), reference_name="exact"),
             of=Subject.EYE,
             role=Role.TRANSMITTANCE,
             doc="Share of a surface's light that the medium lets through to the eye",

@@ -1,0 +1,202 @@
+"""How wrong a layer is that adds light: at the delivered pixel, against the mean of many view rays over its
+footprint, as a share of the brightness there. docs/accuracy.md has the method."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..core.metrics import maximum, quantile
+from ..core.params import Params
+from ..core.random import hash_bits, text_bits
+from ..core.view_rays import ViewRays
+from .estimate import Compared, sampled_part
+from .footprint import Probed
+from .interval import joined, limits
+from .report import LayerError
+from .strata import Difficulty, Stratum, finite, image_codes, strata_of
+from .survey import shared_looks
+
+PIXELS_AT_ONCE = 32
+VIEWS = {Difficulty.EDGE: 8, Difficulty.REST: 1}
+"""View rays of each half of a pixel."""
+
+CHANGING = 4.0  # how much more likely errors are where the layer's values change nearby
+UNSEEN = 0.25
+"""Square of what one more bad pixel is off by at least: black, where it should be as bright as the mean."""
+METHOD_PIXELS = 1.0 / 16.0  # for each probe, whose samples are compared one by one
+
+Along = Callable[[ViewRays, int], np.ndarray]
+"""along(view_rays, seed): the truth there, (1 or 2, N, channels) float64, one if it is exact."""
+
+
+@dataclass(frozen=True)
+class ImageScore:
+    """`reference(rays, outline, layer, view_rays, seed)` is the slow, independent truth: what the layer
+    should hold along each of `view_rays` (core/view_rays.py), (estimates, N, channels) float64, all finite;
+    one estimate where it is exact, two independent ones where it is random. Pixels of no surface count too.
+    `reference_name` says in words what it is ("ray marched, 2 x 64 steps").
+
+    `rays` is a RayCaster (core/device.py); the layer knows its light, its casters and its effect's
+    parameters. Calls come in batches of at most a few thousand view rays, each with its own `seed`, and
+    should take some hundredths of a second: in a window they run between redraws.
+
+    `looks`: pixels looked at for each probe that was asked for; more than 1 where the reference is cheap.
+    `probe_seconds`: see core/score.py.
+    """
+
+    reference: Callable
+    reference_name: str = ""
+    looks: int = 1
+    probe_seconds: float = 2e-3
+
+    def along(self, probed: Probed) -> Along:
+        """The reference, for this layer."""
+
+        def along(view_rays: ViewRays, seed: int) -> np.ndarray:
+            told = self.reference(probed.rays, probed.outline, probed.layer, view_rays, seed)
+            return checked_estimates(told, len(view_rays))
+
+        return along
+
+
+@dataclass(frozen=True)
+class LightScore(ImageScore):
+    """Of light that is added: the root mean square, over all pixels, of (layer - truth) / (truth + mean
+    truth), the mean over channels."""
+
+    metric: ClassVar[str] = "in use, added"
+
+    def measure(self, probed: Probed, probes: int, seed: int) -> Generator[None, None, LayerError]:
+        return _measured(probed, probes * self.looks, self.along(probed), self.reference_name, seed)
+
+    def rms(self, value: float) -> float:
+        return value
+
+    def lowered_by(self, params: Params | None, error: LayerError) -> tuple[str, ...]:
+        return by_cause(params, error)
+
+
+def by_cause(params: Params | None, error: LayerError) -> tuple[str, ...]:
+    """Settings that lower an error: samples first where most of it is aliasing."""
+    settings = params.finer() if params is not None else ()
+    is_aliasing = (error.sampling or 0.0) > (error.method or 0.0)
+    return ("samples", *settings) if is_aliasing else (*settings, "samples")
+
+
+def checked_estimates(estimates: np.ndarray, count: int) -> np.ndarray:
+    """What a reference returned, (estimates, N, channels); a broken one must not look like an error of the
+    layer."""
+    estimates = np.asarray(estimates, np.float64)
+    if estimates.ndim != 3 or estimates.shape[1] != count or len(estimates) not in (1, 2):
+        raise ValueError(f"a reference returned {estimates.shape}, not (1 or 2, {count}, channels)")
+    if not np.isfinite(estimates).all():
+        raise ValueError("a reference returned values that are not finite")
+    return estimates
+
+
+def image_strata(probed: Probed, seed: int) -> list[Stratum]:
+    """Of a layer of light, or of a mask."""
+
+    def priority(pixels: np.ndarray) -> np.ndarray:
+        words = text_bits(probed.layer.effect), probed.outline.frame & 0xFFFFFFFF, pixels
+        return hash_bits(seed, *words)
+
+    return list(strata_of(image_codes(probed.image), priority))
+
+
+def _measured(probed: Probed, probes: int, along: Along, name: str, seed: int):
+    pixels = probed.image.shape[0] * probed.image.shape[1]
+    flat = finite(probed.image.reshape(pixels, -1))
+    strata = image_strata(probed, seed)
+    yield
+    mean = float(np.abs(flat).mean())
+    # Errors are expected to follow the values, and in dark pixels to be no smaller than in the mean one.
+    wishes = []
+    for each in strata:
+        bright = np.abs(flat[each.members]).mean()
+        likely = CHANGING if each.difficulty == Difficulty.EDGE else 1.0
+        wishes.append(each.population * likely * max((bright / (bright + mean + 1e-300)) ** 2, UNSEEN))
+    populations, looks = [each.population for each in strata], []
+    if strata:
+        first = along(probed.look(strata[0].chosen(1), 1, seed), seed)
+        # Only what is not known exactly is worth a second look.
+        looks = shared_looks(probes, populations, populations, wishes, again=len(first) > 1)
+    compared = []
+    for number, (stratum, (count, again)) in enumerate(zip(strata, looks, strict=True)):
+        chosen, estimates = np.sort(stratum.chosen(count)), []
+        views = VIEWS[stratum.difficulty] * again
+        step = max(PIXELS_AT_ONCE // views, 1)
+        for start in range(0, count, step):
+            part, halves = chosen[start : start + step], []
+            for half in range(2):
+                own = int(hash_bits(seed, number, start, half))
+                told = along(probed.look(part, views, own), int(hash_bits(own, 1)))
+                halves.append(told.mean(axis=0).reshape(len(part), views, -1).mean(axis=1))
+            estimates.append(np.array(halves))
+            yield
+        halves = np.concatenate(estimates, axis=1)
+        compared.append(Compared(stratum.population, flat[chosen], halves))
+    bias = math.fsum(each.population * float(each.errors.mean()) for each in compared) / pixels
+    mean = abs(float(flat.mean()) - bias) or abs(float(flat.mean())) or 1.0
+    shares = [each.as_shares(mean) for each in compared]
+    part = joined(sampled_part(each, max(float((each.values**2).mean()), UNSEEN)) for each in shares)
+    value = root(part.total, pixels)
+    low, high = (root(limit, pixels) for limit in limits(part))
+    errors, sampling = pooled(shares)
+    method = yield from _method(probed, max(int(METHOD_PIXELS * probes), 4), along, mean, seed)
+    ones = np.ones_like(errors)
+    return LayerError(
+        metric=LightScore.metric,
+        value=value,
+        ci95=(low, high),
+        bias=bias / mean,
+        p99=quantile(errors, ones, 0.99, sampling),
+        max=maximum(errors, ones),
+        probes=len(errors),
+        reference=name,
+        reference_noise=root(sum(each.noise for each in shares), pixels),
+        seconds=0.0,
+        method=method,
+        sampling=None if method is None else math.sqrt(max(value**2 - method**2, 0.0)),
+    )
+
+
+def _method(probed: Probed, pixels: int, along: Along, mean: float, seed: int):
+    """RMS of the effect's own error, at pixels whose samples were kept: each sample against the truth along
+    its own view ray; None where none were."""
+    kept = probed.samples
+    if kept is None or not len(kept.pixels):
+        return None
+    chosen = np.linspace(0, len(kept.pixels) - 1, min(pixels, len(kept.pixels))).astype(int)
+    samples, squares = len(kept.values), []
+    for number, index in enumerate(chosen):
+        places = np.repeat(probed.places(kept.pixels[[index]]), samples, axis=0)
+        rays = probed.rays.look(places, kept.jitter)
+        own = int(hash_bits(seed, 7, number))
+        first, last = (along(rays, int(hash_bits(own, half)))[0].mean(axis=0) for half in range(2))
+        value = finite(kept.values[:, index]).mean(axis=0)
+        whole = np.abs(0.5 * (first + last)).mean() + mean
+        squares.append(float(((value - first) * (value - last)).mean()) / whole**2)
+        yield
+    return math.sqrt(max(float(np.mean(squares)), 0.0))
+
+
+def pooled(compared: list[Compared], largest_channel: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes of the errors of all probes (N,), over channels root mean square or the largest, and how many
+    pixels each probe stands for (N,)."""
+    errors = [
+        np.abs(each.errors).max(axis=1) if largest_channel else np.sqrt((each.errors**2).mean(axis=1))
+        for each in compared
+    ]
+    sampling = [np.full(len(each.values), each.population / max(len(each.values), 1)) for each in compared]
+    return np.concatenate([np.zeros(0), *errors]), np.concatenate([np.zeros(0), *sampling])
+
+
+def root(total: float, pixels: int) -> float:
+    """RMS of squares over all pixels."""
+    return math.sqrt(max(total, 0.0) / pixels) if pixels else 0.0

@@ -1,0 +1,98 @@
+"""How wrong a mask is: the share of its pixels that many view rays over their footprints contradict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..core.metrics import WRONG, maximum, quantile
+from ..core.params import Params
+from ..core.random import hash_bits
+from .estimate import Compared, sampled_part
+from .footprint import Probed
+from .interval import joined, limits
+from .light import ImageScore, image_strata, pooled, root
+from .report import LayerError
+from .strata import Difficulty, finite
+from .survey import allot
+
+PIXELS_AT_ONCE = 32
+SUPERSAMPLES = 64
+"""View rays of a pixel, half of them for each of two independent estimates."""
+
+
+@dataclass(frozen=True)
+class MaskScore(ImageScore):
+    """Of masks and pictures in flat colours: the share of wrong pixels. `reference` is asked at points inside
+    the pixels: 64 view rays a pixel, drawn from the render's pixel filter, are averaged and compared with the
+    finished image."""
+
+    probe_seconds: float = 4e-3
+    metric: ClassVar[str] = "share of wrong pixels"
+
+    def measure(self, probed: Probed, probes: int, seed: int) -> Generator[None, None, LayerError]:
+        image = probed.image
+        pixels = image.shape[0] * image.shape[1]
+        flat, along = finite(image.reshape(pixels, -1)), self.along(probed)
+        strata = image_strata(probed, seed)
+        yield
+        totals = dict.fromkeys(Difficulty, 0)
+        for each in strata:
+            totals[each.difficulty] += each.population
+        # Half of the probes go to where the layer changes, as far as there is use for them.
+        populations = [each.population for each in strata]
+        wishes = [each.population / totals[each.difficulty] for each in strata]
+        counts = allot(probes * self.looks, populations, wishes)
+        compared = []
+        for number, (stratum, count) in enumerate(zip(strata, counts, strict=True)):
+            chosen, halves = np.sort(stratum.chosen(count)), []
+            for index, start in enumerate(range(0, count, PIXELS_AT_ONCE)):
+                part, coverage = chosen[start : start + PIXELS_AT_ONCE], []
+                for half in range(2):
+                    own = int(hash_bits(seed, number, index, half))
+                    told = along(probed.look(part, SUPERSAMPLES // 2, own), int(hash_bits(own, 1)))
+                    told = told.mean(axis=0).reshape(len(part), SUPERSAMPLES // 2, -1)
+                    coverage.append(told.mean(axis=1))
+                    yield
+                halves.append(np.array(coverage))
+            compared.append(Compared(stratum.population, flat[chosen], np.concatenate(halves, axis=1)))
+        return _error(compared, pixels, self.reference_name)
+
+    def rms(self, value: float) -> float:
+        """As if each wrong pixel were off by just what makes it wrong."""
+        return math.sqrt(value) * WRONG
+
+    def lowered_by(self, params: Params | None, error: LayerError) -> tuple[str, ...]:
+        return ("samples",)
+
+
+def _error(compared: list[Compared], pixels: int, reference_name: str) -> LayerError:
+    errors, sampling = pooled(compared, largest_channel=True)
+    part = joined(sampled_part(_counted(each), 1.0) for each in compared)
+    low, high = (min(limit / max(pixels, 1), 1.0) for limit in limits(part))
+    ones = np.ones_like(errors)
+    means = np.concatenate([np.zeros(0), *(np.abs(each.errors).mean(axis=1) for each in compared)])
+    bias = math.fsum(each.population * float(each.errors.mean()) for each in compared)
+    return LayerError(
+        metric=MaskScore.metric,
+        value=part.total / max(pixels, 1),
+        ci95=(low, high),
+        bias=bias / max(pixels, 1),
+        p99=quantile(errors, ones, 0.99, sampling),
+        max=maximum(errors, ones),
+        probes=len(errors),
+        reference=f"{reference_name}, {SUPERSAMPLES} rays a pixel".lstrip(", "),
+        reference_noise=root(sum(each.noise for each in compared), pixels),
+        seconds=0.0,
+        mean_absolute_error=float((sampling * means).sum()) / max(pixels, 1),
+    )
+
+
+def _counted(compared: Compared) -> Compared:
+    """Its wrong pixels as errors of 1."""
+    wrong = (np.abs(compared.errors).max(axis=1) > WRONG).astype(np.float64)[:, None]
+    return Compared(compared.population, wrong, np.zeros((1, *wrong.shape)))
