@@ -39,6 +39,8 @@ LIKELY = {Difficulty.EDGE: 4.0}
 """Strata with more errors than others are looked at more."""
 MOST_REPEATS = 8
 """Times the rays of one pixel, where there are few pixels."""
+ROUNDING = 9
+"""Decimals beyond which white light has colours too."""
 SCALE_PIXELS, SCALE_VIEWS = 1024, 4
 """Looked at for the mean brightness."""
 
@@ -87,8 +89,8 @@ class _Measuring:
         estimates = [survey.estimate(each) for survey, each in zip(surveys, found, strict=True)]
         part = joined(each.part for each in estimates)
         count = math.fsum(each.count for each in estimates)
-        all_of = joined_deviations([each.found for each in estimates]) if estimates else None
-        sampling = np.concatenate([np.zeros(0), *(each.sampling for each in estimates)])
+        all_of = joined_deviations([each.found for each in estimates])
+        sampling = np.concatenate([each.sampling for each in estimates])
         traced = [measured for each in found for measured in each]
 
         def mean(values: np.ndarray) -> float:
@@ -103,8 +105,6 @@ class _Measuring:
         told = {"method": None, "sampling": None}
         if method is not None:
             told = {"method": method, "sampling": math.sqrt(max(value**2 - method**2, 0.0))}
-        if all_of is None:
-            return LayerError(self.metric, 0.0, (0.0, 0.0), 0.0, 0.0, 0.0, 0, reference_name, 0.0, 0.0)
         ones = np.ones(len(all_of))
         chroma = (all_of.chroma[:, 0] * all_of.chroma[:, 1]).sum(axis=1)
         return LayerError(
@@ -118,7 +118,7 @@ class _Measuring:
             reference=f"{reference_name}, {2 * VIEWS} view rays a pixel",
             reference_noise=_noise(traced),
             seconds=0.0,
-            model=math.sqrt(max(mean(chroma), 0.0)) or None,
+            model=round(math.sqrt(max(mean(chroma), 0.0)), ROUNDING) or None,
             display=math.sqrt(max(mean(all_of.display[:, 0] * all_of.display[:, 1]), 0.0)),
             **told,
         )
