@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 from strata.addon.bake import read_scene
-from strata.addon.measure.image import SUPERSAMPLES
+from strata.addon.measure.mask import SUPERSAMPLES
 from strata.addon.planning import Options
 from strata.tests.effects.toon.mask_errors import edge_errors
 from strata.tests.effects.toon.outline_width import LINE, SHAPES, ring_of

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from strata.addon.bake import BakeJob, bake, read_scene
 from strata.addon.core.errors import Cancelled, StrataError
-from strata.addon.measure.visibility import VisibilityScore
+from strata.addon.measure.in_use import InUseScore
 from strata.addon.planning import Options
 from strata.addon.scene.open import choose, open_blend
 from strata.tests.support.places import SAMPLES, scene_files
@@ -58,7 +58,7 @@ def test_every_planned_layer_of_every_scene_is_there_and_finite(path, backend):
         assert pixels.shape == (SMALL[1], SMALL[0], *channels), name
         assert np.isfinite(pixels).all(), name
         assert pixels.min() >= 0.0, name
-        if isinstance(kinds[name].score, VisibilityScore):
+        if isinstance(kinds[name].score, InUseScore):
             # A mean of visibilities; the sums of eight roundings may pass 1 by an ulp or two.
             assert pixels.max() <= 1.0 + 1e-6, name
     report = json.loads(json.dumps(baked.layers.report))

@@ -16,10 +16,9 @@ from strata.addon.core.outline import Light, Outline
 from strata.addon.core.shot import Camera, Raster, Shot
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared.coarse_picture import COARSER, seen_boxes
-from strata.addon.effects.shared.visibility_truth import SCORE, evaluate
+from strata.addon.effects.shared.visibility_truth import SCORE
 from strata.addon.effects.soft_shadow import EFFECT as SOFT_SHADOW
 from strata.addon.effects.soft_shadow.run import needed
-from strata.addon.measure.probes import ProbeCollector
 from strata.addon.measure.report import LayerError, NotMeasured, format_table
 from strata.addon.measuring import Measuring
 from strata.addon.planning import Options, plan_scene
@@ -90,7 +89,7 @@ def test_a_layer_that_is_right_wherever_it_is_screened_has_an_upper_limit():
     (layer,) = baked.report.layers
     assert layer.error.value == layer.error.ci95[0] == 0.0
     assert 0.0 < layer.error.ci95[1] < 0.05
-    assert layer.error.probes == 0
+    assert layer.error.probes <= 2  # of pixels that no sample and some ray found lit
 
 
 def test_looking_and_measuring_come_in_slices():
@@ -193,19 +192,19 @@ WRONG_SIDE = 1.0
 
 
 def broken_for(error: BaseException):
-    """The reference of soft shadows, which raises for lamps at x = WRONG_SIDE."""
+    """The truth of soft shadows, which raises for lamps at x = WRONG_SIDE."""
 
-    def reference(rays, emitter, casters, points, samples, seed):
-        if emitter.centre[0] == WRONG_SIDE:
+    def truth(rays, outline, layer, *others):
+        if outline.lights[layer.of.index].emitter.centre[0] == WRONG_SIDE:
             raise error
-        return evaluate(rays, emitter, casters, points, samples, seed)
+        return SCORE.truth(rays, outline, layer, *others)
 
-    return reference
+    return truth
 
 
 def two_lamps(monkeypatch, error: BaseException, **options) -> BakeJob:
     """A lamp whose shadow's reference raises, and a good one."""
-    kind = replace(SOFT_SHADOW.layers[0], score=replace(SCORE, reference=broken_for(error)))
+    kind = replace(SOFT_SHADOW.layers[0], score=replace(SCORE, truth=broken_for(error)))
     lamps = [lamp((WRONG_SIDE, 0.0, 5.0)), replace(lamp((0.0, 0.0, 5.0)), name="Other", key="Other")]
     outline, arrays = scene_of([FLOOR, PLATE], lamps)
     job = job_of(outline, arrays, **options)
@@ -235,16 +234,6 @@ def test_a_layer_that_cannot_be_measured_is_baked_and_the_others_measured(monkey
 def test_interrupts_pass_through_measuring(monkeypatch, error):
     with pytest.raises(type(error)):
         two_lamps(monkeypatch, error).result()
-
-
-def test_layers_are_whole_where_no_probe_was_collected(monkeypatch):
-    def refuse(self, *arguments):
-        raise MemoryError
-        yield
-
-    monkeypatch.setattr(ProbeCollector, "_draw", refuse)
-    (layer,) = bake().layers.layers
-    assert layer.error == {"not_measured": "not enough memory"}
 
 
 def test_layers_are_whole_where_the_tree_cannot_be_built(monkeypatch):

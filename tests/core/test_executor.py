@@ -108,43 +108,6 @@ def test_cancelling_stops_between_nodes_and_inside_kernels(scene):
         )
 
 
-def test_a_collector_sees_the_first_sample_of_every_tile(scene, monkeypatch):
-    monkeypatch.setattr("strata.addon.core.sampling.PIXELS_PER_TILE", SIZE[0] * 5)
-    outline, device = scene
-    seen = []
-
-    class Rows:
-        surface = depth_graph(outline).surface
-
-        def add(self, chunk, surface, layers):
-            assert surface["depth"].shape == layers["Depth"].shape == (chunk.y1 - chunk.y0, chunk.width)
-            seen.append((chunk.y0, chunk.y1, chunk.sample))
-            yield
-
-    drain(Executor(device, device).run(depth_graph(outline), Sampling(*SIZE, 2), Rows()))
-    assert seen == [(0, 5, 0), (5, 10, 0), (10, 12, 0)]
-
-
-def test_a_cancel_is_heeded_between_two_slices_of_collecting(scene):
-    outline, _ = scene
-    device = CpuDevice()
-    device.set_scene(*tilted_quad_scene())
-    slices = []
-
-    class Slow:
-        surface = depth_graph(outline).surface
-
-        def add(self, chunk, surface, layers):
-            for number in range(3):
-                slices.append(number)
-                device.cancel_flag.set()
-                yield
-
-    with pytest.raises(Cancelled):
-        drain(Executor(device, device).run(depth_graph(outline), Sampling(*SIZE, 1), Slow()))
-    assert slices == [0]
-
-
 class Other(CpuDevice):
     """A second device with other twins: what a GPU is to the executor."""
 

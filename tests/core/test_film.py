@@ -70,6 +70,36 @@ def test_a_sample_may_come_in_parts_of_its_weight():
     assert film.weights.tolist() == [[3.0]]
 
 
+def test_the_samples_of_some_pixels_are_kept():
+    """Numbered row by row, whatever the tiles; as they are, not as they weigh."""
+    kept = np.array([1, 4, 5])
+    rng = np.random.default_rng(3)
+    samples, weights = rng.random((2, 3, 2, 2)).astype(np.float32), rng.random((2, 3, 2)).astype(np.float32)
+    film = Film("a", (3, 2, 2), weights=(3, 2), kept_pixels=kept)
+    for y0, y1 in ((0, 1), (1, 3)):
+        for number in range(2):
+            chunk = Chunk(2, 3, y0, y1, number, (0.0, 0.0), 2)
+            film.add(chunk, samples[number, y0:y1], weights[number, y0:y1])
+    assert np.array_equal(film.samples, samples.reshape(2, 6, 2)[:, kept])
+    assert Film("b", (1, 2)).samples == []
+
+
+def test_only_measured_layers_keep_samples():
+    outline, arrays = tilted_quad_scene()
+    device = CpuDevice()
+    device.set_scene(outline, arrays)
+    graph, kept = depth_graph(outline), np.array([0, 17, 100])
+    for score in (None, print):
+        layers = tuple(replace(each, kind=replace(each.kind, score=score)) for each in graph.layers)
+        executor, execution = Executor(device, device), Execution(kept_pixels=kept)
+        drain(executor.run(replace(graph, layers=layers), Sampling(*SIZE, 3, BOX, SIZE[0] * 5), execution))
+        assert set(execution.samples_of) == (set() if score is None else {"Depth"})
+    samples = execution.samples_of["Depth"]
+    assert samples.shape == (3, 3, 1)
+    mean = execution.images["Depth"].reshape(-1)[kept]
+    assert np.allclose(samples.mean(axis=0)[:, 0], mean, rtol=1e-6)
+
+
 def test_a_weight_counts_for_every_channel_or_each_has_its_own():
     samples = [[(1.0, 2.0)], [(5.0, 6.0)]]
     film = fed(Film("a", (1, 1, 2), weights=(1, 1)), samples, [(3.0,), (1.0,)])

@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
+from strata.addon.core.metrics import WRONG
 from strata.addon.core.sampling import footprints
 from strata.addon.core.shot import PixelFilter
 from strata.addon.core.slices import finished
-from strata.addon.core.surface import Chunk
-from strata.addon.core.view_rays import ViewRays
-from strata.addon.measure.image import WRONG, WatchedImage, measure_light, measure_mask
-from strata.addon.measure.probes import ProbeCollector
+from strata.addon.measure.footprint import KeptSamples
+from strata.addon.measure.light import LightScore
+from strata.addon.measure.mask import MaskScore
 from strata.addon.measure.report import LayerError
-from strata.tests.support.figures import relative_l2, wrong_share
-
-NAME = "Layer"
-
-
-def collected(values: np.ndarray, probes: int, seed: int) -> ProbeCollector:
-    """What is kept of a layer (height, width[, channels]) in front of a flat wall, in two tiles."""
-    height, width = values.shape[:2]
-    collector = ProbeCollector([WatchedImage(NAME, "fake", ("depth",))], probes, seed, frame=1)
-    surface = {"depth": np.ones((height, width), np.float32)}
-    for y0, y1 in ((0, height // 2), (height // 2, height)):
-        chunk = Chunk(width, height, y0, y1, 0, (0.0, 0.0))
-        finished(collector.add(chunk, {"depth": surface["depth"][y0:y1]}, {NAME: values[y0:y1]}))
-    return collector
+from strata.tests.measure.fields import probed_of
+from strata.tests.support.figures import in_use_of_light, wrong_share
 
 
 class Light:
@@ -38,21 +28,19 @@ class Light:
 
     @property
     def error(self) -> float:
-        return relative_l2(self.values, self.truths)
+        return in_use_of_light(self.values, self.truths)
 
-    def measured(self, probes: int, seed: int) -> LayerError:
-        collector = collected(self.values, probes, seed)
-        flat = self.truths.reshape(-1, 3)
-
-        def reference(stratum, seed):
-            truth = flat[stratum.pixels]
+    def measured(self, probes: int, seed: int, kept: KeptSamples | None = None) -> LayerError:
+        def reference(rays, outline, layer, view_rays, seed):
+            columns, rows = view_rays.pixels.T
+            truth = self.truths[rows, columns]
             if not self.noise and not self.own_noise:
                 return truth[None]
             spread = self.noise * self.truths.mean() + self.own_noise * truth
             return truth + spread * np.random.default_rng(seed).standard_normal((2, *truth.shape))
 
-        strata, total = list(collector.strata(NAME)), collector.totals[NAME]
-        return finished(measure_light(strata, total, len(flat), probes, reference, "made up", seed))
+        probed = probed_of(self.values, samples=kept)
+        return finished(LightScore(reference, "made up").measure(probed, probes, seed))
 
 
 def fog(rng, side: int = 200) -> np.ndarray:
@@ -137,20 +125,11 @@ class Mask:
         return wrong_share(self.image, self.covered(64, seed=2), WRONG)
 
     def measured(self, probes: int, seed: int) -> LayerError:
-        collector = collected(self.image.astype(np.float32), probes, seed)
+        def reference(rays, outline, layer, view_rays, seed):
+            return self.at(*(view_rays.pixels + 0.5 + view_rays.jitter).T)[None, :, None]
 
-        def look(pixels, jitter):
-            nothing = np.zeros((len(pixels), 3))
-            return ViewRays(pixels, jitter, nothing, nothing, nothing[:, 0], {}, None)
-
-        def reference(seen, seed):
-            return self.at(*(seen.pixels + 0.5 + seen.jitter).T)[None, :, None]
-
-        def scattered(pixels, samples, seed):
-            return footprints(self.filter, pixels, samples, seed)
-
-        strata = list(collector.strata(NAME))
-        return finished(measure_mask(strata, self.image, probes, reference, look, scattered, "made up", seed))
+        probed = probed_of(self.image.astype(np.float32), shot=SimpleNamespace(pixel_filter=self.filter))
+        return finished(MaskScore(reference, "made up").measure(probed, probes, seed))
 
 
 def good_mask(rng) -> Mask:

@@ -84,6 +84,7 @@ def shot_of(seed: int, size: tuple[int, int] = SIZE) -> Shot:
 
 
 def random_scene(seed: int) -> tuple[Outline, Arrays]:
+    """Black things on a white floor, so that it matters what samples weigh."""
     rng = np.random.default_rng(seed)
     makers = [floor, *rng.choice([box, ball, spikes, sieve], rng.integers(2, 6))]
     meshes, matrices, instances = [], [], []
@@ -96,12 +97,13 @@ def random_scene(seed: int) -> tuple[Outline, Arrays]:
         world = points @ matrix[:3, :3].T + matrix[:3, 3]
         bounds = Bounds(tuple(world.min(0).tolist()), tuple(world.max(0).tolist()))
         rows = tuple(map(tuple, matrix.tolist()))
-        instances.append(Instance(maker.__name__, index, rows, bounds, index, (0,)))
+        instances.append(Instance(maker.__name__, index, rows, bounds, index, (int(maker is not floor),)))
         matrices.append(matrix)
     light = Light("Lamp", "Lamp", "AREA", lamp(rng), (1.0, 1.0, 1.0))
     headers = tuple(
         Mesh(instance.name, str(i), len(mesh.positions), 2 * (len(mesh.face_starts) - 1))
         for i, (instance, mesh) in enumerate(zip(instances, meshes, strict=True))
     )
-    outline = Outline("Scene", "Layer", 1, (light,), tuple(instances), headers, (Material("Grey"),))
-    return outline, Arrays(tuple(meshes), np.array(matrices), (Cutout(),))
+    materials = Material("White"), Material("Black", (0.02, 0.02, 0.02))
+    outline = Outline("Scene", "Layer", 1, (light,), tuple(instances), headers, materials)
+    return outline, Arrays(tuple(meshes), np.array(matrices), (Cutout(),) * 2)

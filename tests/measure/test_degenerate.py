@@ -1,27 +1,24 @@
 """Measuring where there is next to nothing to measure, and where the numbers are no numbers."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strata.addon.core.sampling import footprints
-from strata.addon.core.shot import PixelFilter
 from strata.addon.core.slices import finished
-from strata.addon.core.surface import SurfacePoints
-from strata.addon.core.view_rays import ViewRays
-from strata.addon.measure.difficulty import Difficulty
-from strata.addon.measure.image import measure_light, measure_mask
+from strata.addon.measure.in_use import InUseScore
+from strata.addon.measure.mask import MaskScore
 from strata.addon.measure.report import LayerError
-from strata.addon.measure.shadow_probes import Stratum
-from strata.addon.measure.visibility import measure_visibility
-from strata.tests.measure.fields import Field
-from strata.tests.measure.images import NAME, Light, collected
+from strata.tests.measure.fields import Field, probed_of
+from strata.tests.measure.images import Light
 
 # What layers hold at their worst: nothing, everything, in between, and no numbers.
 ODD = (0.0, 1.0, 0.5, 1e-40, 3e38, -1.0, math.nan, math.inf, -math.inf)
 VISIBILITIES = st.sampled_from([0.0, 1.0, 0.25, 1e-40])
+# Truths are kept from being negative or infinite where they are made; nothing is known before the sky.
+LIGHT = st.sampled_from([0.0, 1.0, 1e-30, 1e30, math.nan])
 
 
 def is_sound(error: LayerError) -> bool:
@@ -31,63 +28,57 @@ def is_sound(error: LayerError) -> bool:
     return 0.0 <= low <= error.value * (1.0 + 1e-9) and error.value <= high * (1.0 + 1e-9)
 
 
-def visibility(field: Field, probes: int, seed: int = 0, strata=None) -> LayerError:
-    strata = field.strata(probes, np.random.default_rng(seed)) if strata is None else strata
-    work = measure_visibility(strata, probes, field.weigh, field.screen, field.reference, seed)
-    return finished(work)
-
-
-def empty_stratum(kind: Difficulty) -> Stratum:
-    nothing = np.zeros((0, 3), np.float32)
-    points = SurfacePoints(nothing, nothing, nothing, np.zeros(3))
-    return Stratum(kind, 0, np.zeros(0, np.uint32), np.zeros(0, np.uint32), np.zeros(0), points)
+def field_of(values, truths, light, covered=1.0) -> Field:
+    """Of rows of 100 pixels, each of them like the first ones over and over."""
+    count = 100 * max(-(-len(values) // 100), 1)
+    values, truths, light = (np.resize(np.array(each, np.float64), count) for each in (values, truths, light))
+    both = (
+        np.repeat(truths[:, None, None], 2, axis=1),
+        np.repeat(light[:, None, None], 2, axis=1) * np.ones(3),
+    )
+    return Field(values[:, None], *both, np.full(count, covered))
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
 def test_a_layer_in_which_nothing_is_in_doubt(value):
     """No ray contradicts it and nothing is partly lit, so that no probe is left for the slow reference."""
-    pixels = np.full(1000, value)
-    error = visibility(Field(pixels, pixels, np.ones(1000)), probes=4)
+    error = field_of([value] * 1000, [value], [1.0]).measured(4, 0)
     assert (error.value, error.bias, error.p99, error.max, error.probes) == (0.0, 0.0, 0.0, 0.0, 0)
-    # 256 of the 1000 are screened: the rule of three for those, two-sided.
-    expected = 3.689 / 256 * (1.0 - 0.256)
     assert error.ci95[0] == 0.0
-    assert error.ci95[1] ** 2 == pytest.approx(expected, rel=0.01)
+    # 128 of the 1000 are screened: the rule of three for those, two-sided; half of a pixel as bright as the
+    # mean is the light's share.
+    assert error.ci95[1] ** 2 == pytest.approx(0.25 * 3.689 / 128 * (1.0 - 0.128), rel=0.01)
 
 
-def test_strata_without_pixels():
-    field = Field(np.ones(10), np.ones(10), np.ones(10))
-    strata = [empty_stratum(kind) for kind in (Difficulty.PENUMBRA, Difficulty.EDGE, Difficulty.REST)]
-    error = visibility(field, 8, strata=strata)
-    assert (error.value, error.ci95, error.probes) == (0.0, (0.0, 0.0), 0)
-    strata += field.strata(8, np.random.default_rng(0))
-    assert visibility(field, 8, strata=strata).value == 0.0
-
-
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(
-    pixels=st.lists(
-        st.tuples(VISIBILITIES, VISIBILITIES, st.sampled_from([0.0, 1.0, 1e-30, 1e30, math.inf, math.nan])),
-        max_size=12,
-    ),
+    pixels=st.lists(st.tuples(st.sampled_from(ODD), VISIBILITIES, LIGHT), min_size=1, max_size=12),
+    covered=st.sampled_from([1.0, 0.3]),
     probes=st.sampled_from([1, 2, 3, 100]),
+    is_weighed=st.booleans(),
+    channels=st.sampled_from([1, 3]),
+    is_kept=st.booleans(),
 )
-def test_any_shadow_has_a_sound_error(pixels, probes):
-    values, truths, weights = np.array(pixels, np.float64).reshape(-1, 3).T
-    error = visibility(Field(values, truths, weights), probes)
+def test_any_layer_that_multiplies_has_a_sound_error(pixels, covered, probes, is_weighed, channels, is_kept):
+    field = field_of(*zip(*pixels, strict=True), covered)
+    if channels == 3:
+        field = replace(field, values=field.values * np.ones(3), truths=field.truths * np.ones(3), noise=0.1)
+    kept = field.kept(3) if is_kept else None
+    error = field.measured(probes, 0, is_weighed, kept)
     assert is_sound(error)
     assert error.value <= 1.0 + 1e-9
-    if (values == truths).all() and np.isin(truths, (0.0, 1.0)).all():
+    assert (error.method is not None) == is_kept
+    shown = np.nan_to_num(field.values, nan=0.0, posinf=0.0, neginf=0.0)[:, None]
+    if channels == 1 and (shown == field.truths).all() and np.isin(field.truths, (0.0, 1.0)).all():
         assert error.value == 0.0
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_shadow_reference_without_numbers_is_refused(value):
-    field = Field(np.full(9, 0.5), np.full(9, 0.5), np.ones(9))
-    broken = lambda points, samples, seed: (np.full((len(points.position), 2), value), np.ones(9))  # noqa: E731
-    work = measure_visibility(
-        field.strata(4, np.random.default_rng(0)), 4, field.weigh, field.screen, broken, 0
-    )
+def test_a_reference_without_numbers_is_refused(value):
+    def broken(rays, outline, layer, layers, casters, view_rays, samples, seed):
+        return np.full((1, len(view_rays), 1), value if samples else 1.0), np.ones((len(view_rays), 3))
+
+    work = InUseScore(broken).measure(probed_of(np.full((3, 100), 0.5, np.float32)), 4, 0)
     with pytest.raises(ValueError, match="not finite"):
         finished(work)
 
@@ -103,50 +94,27 @@ def images(channels: int):
     return st.tuples(shapes, st.lists(st.sampled_from(ODD), min_size=1, max_size=12)).map(filled)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(
     values=images(3),
-    truth=st.sampled_from([0.0, 1.0, 1e-30, 1e6]),
+    truth=st.sampled_from([0.0, 1.0, 1e-30, 1e6, -1.0]),
     noise=st.sampled_from([0.0, 0.1]),
     probes=st.sampled_from([1, 2, 100]),
 )
 def test_any_light_has_a_sound_error(values, truth, noise, probes):
-    error = Light(values, np.full(values.shape, truth), noise=noise).measured(probes, seed=1)
+    error = Light(values, np.full(values.shape, truth), noise=abs(noise * truth)).measured(probes, seed=1)
     assert is_sound(error)
     assert error.probes >= 1
-
-
-def mask_of(strata, image: np.ndarray, truth: float, probes: int) -> LayerError:
-    def look(pixels, jitter):
-        nothing = np.zeros((len(pixels), 3))
-        return ViewRays(pixels, jitter, nothing, nothing, nothing[:, 0], {}, None)
-
-    def reference(seen, seed):
-        return np.full((1, len(seen), 1), truth)
-
-    def scattered(pixels, samples, seed):
-        return footprints(PixelFilter("BOX", 0.5), pixels, samples, seed)
-
-    return finished(measure_mask(strata, image, probes, reference, look, scattered, "made up", 0))
 
 
 @settings(max_examples=60, deadline=None)
 @given(values=images(1), truth=st.sampled_from([0.0, 0.5, 1.0]), probes=st.sampled_from([1, 2, 100]))
 def test_any_mask_has_a_sound_error(values, truth, probes):
-    image = values[..., 0]
-    strata = list(collected(image, probes, seed=1).strata(NAME))
-    error = mask_of(strata, image, truth, probes)
+    def reference(rays, outline, layer, view_rays, seed):
+        return np.full((1, len(view_rays), 1), truth)
+
+    error = finished(MaskScore(reference, "made up").measure(probed_of(values[..., 0]), probes, 0))
     assert is_sound(error)
     assert error.value <= 1.0 + 1e-9
-    if not np.isfinite(image).any():  # shown black
+    if not np.isfinite(values).any():  # shown black
         assert error.value == float(truth > 1.0 / 8.0)
-
-
-def test_images_without_strata():
-    def reference(stratum, seed):
-        raise AssertionError("there is nothing to ask for")
-
-    light = finished(measure_light([], 0.0, 0, 4, reference, "made up", 0))
-    mask = mask_of([], np.zeros((1, 1), np.float32), 0.0, 4)
-    for error in (light, mask):
-        assert (error.value, error.ci95, error.probes) == (0.0, (0.0, 0.0), 0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from strata.tests.support.figures import relative_l2, weighted_bias, weighted_rmse, wrong_share
+from strata.tests.support.figures import in_use_of_light, weighted_bias, weighted_rmse, wrong_share
 
 
 def test_weighted_rmse_and_bias_by_hand():
@@ -18,11 +18,11 @@ def test_nothing_lit_has_no_error():
     assert weighted_rmse([1.0], [0.0]) == weighted_bias([1.0], [0.0]) == weighted_rmse([], []) == 0.0
 
 
-def test_relative_l2_by_hand():
-    # sqrt((0.1^2 + 0.3^2) / 2) / 2 = sqrt(0.05) / 2
-    assert relative_l2([1.1, 2.7], [1.0, 3.0]) == pytest.approx(np.sqrt(0.05) / 2.0, rel=1e-12)
-    assert relative_l2([0.0], [0.0]) == 0.0
-    assert relative_l2([0.1], [0.0]) == np.inf
+def test_light_in_use_by_hand():
+    # The mean truth is 2: 0.3 / (1 + 2) and 0.5 / (3 + 2) are both a tenth.
+    values, truths = np.array([[[1.3], [2.5]]]), np.array([[[1.0], [3.0]]])
+    assert in_use_of_light(values, truths) == pytest.approx(0.1, rel=1e-12)
+    assert in_use_of_light(0.0 * values, 0.0 * truths) == 0.0
 
 
 def test_wrong_share_by_hand():

@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from strata.addon.core.slices import finished
-from strata.addon.measure.estimate import Group, Measured, binary_part, grouped_part
+from strata.addon.measure.deviation import Deviations
+from strata.addon.measure.estimate import Contradicted, Group, binary_part, grouped_part
 from strata.addon.measure.interval import Part, gamma_distribution, gamma_quantile, joined, limits
 from strata.addon.measure.survey import allot, shared_looks
-from strata.addon.measure.visibility import measure_visibility
 from strata.tests.measure import fields
 
 
@@ -74,11 +73,6 @@ def test_allot():
     assert allot(100, [], []) == []
 
 
-def measured(field, probes, rng, seed):
-    strata = field.strata(probes, rng)
-    return finished(measure_visibility(strata, probes, field.weigh, field.screen, field.reference, seed))
-
-
 def average_of(totals):
     """Mean and its standard error."""
     return np.mean(totals), np.std(totals, ddof=1) / math.sqrt(len(totals))
@@ -96,11 +90,9 @@ def test_binary_estimate_is_unbiased_and_knows_its_variance(rays):
         chosen = rng.permutation(population)[:screened]
         flagged = chosen[(rng.random((screened, rays)) < errors[chosen, None]).any(1)]
         probed = flagged[:probes]
-        values = np.ones(len(probed))
-        halves = np.clip((1.0 - errors[probed])[:, None] + 0.01 * rng.standard_normal((len(probed), 2)), 0, 1)
-        part, _ = binary_part(
-            population, weights[chosen], len(flagged), rays, Measured(values, halves, weights[probed])
-        )
+        halves = np.clip(errors[probed, None] + 0.01 * rng.standard_normal((len(probed), 2)), 0, 1)
+        seen = Contradicted(halves, weights[probed])
+        part, _ = binary_part(population, weights[chosen], len(flagged), rays, seen)
         totals.append(part.total)
         variances.append(part.variance + part.noise_variance)
     mean, error = average_of(totals)
@@ -108,74 +100,82 @@ def test_binary_estimate_is_unbiased_and_knows_its_variance(rays):
     assert np.mean(variances) == pytest.approx(np.var(totals), rel=0.1)  # sd of 2000 variances: 3%
 
 
-def test_grouped_estimate_is_unbiased_and_knows_its_variance():
+def deviations_of(errors: np.ndarray) -> Deviations:
+    """Of `errors` (M, 2 halves, channels), and nothing else."""
+    pixels = np.zeros(len(errors))
+    return Deviations(errors, errors, errors[..., 0], pixels, pixels, errors[..., 0], pixels > 0.0)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_grouped_estimate_is_unbiased_and_knows_its_variance(channels):
     rng = np.random.default_rng(4)
     population, screened = 3000, 1200
-    values = rng.uniform(0.2, 0.8, population)
-    errors = 0.05 * rng.standard_normal(population)
+    errors = 0.05 * rng.standard_normal((population, channels))
     errors[rng.choice(population, 60, replace=False)] = 0.19
-    weights = rng.uniform(0.5, 1.5, population)
+    shares, worst = rng.uniform(0.5, 1.0, population), np.full(population, 0.8)
     totals, variances = [], []
     for _ in range(2000):
         chosen = rng.permutation(population)[:screened]
-        far = np.abs(errors[chosen] + 0.05 * rng.standard_normal(screened)) > 0.1
+        far = np.abs(errors[chosen, 0] + 0.05 * rng.standard_normal(screened)) > 0.1
         groups = []
         for members, edge in ((chosen[~far], 0.1), (chosen[far], 1.0)):
             probed = members[:60]
-            halves = (values - errors)[probed, None] + 0.02 * rng.standard_normal((len(probed), 2))
-            groups.append(Group(len(members), edge, Measured(values[probed], halves, weights[probed])))
-        part, sampling = grouped_part(population, weights[chosen], values[chosen], groups)
+            halves = errors[probed, None] + 0.02 * rng.standard_normal((len(probed), 2, channels))
+            groups.append(Group(len(members), edge, deviations_of(halves)))
+        part, sampling = grouped_part(population, shares[chosen], worst[chosen], groups)
         assert sum(each.sum() for each in sampling) == pytest.approx(population)
         totals.append(part.total)
         variances.append(part.variance + part.noise_variance)
     mean, error = average_of(totals)
-    assert mean == pytest.approx((weights * errors**2).sum(), abs=4 * error)
+    assert mean == pytest.approx((errors**2).sum(), abs=4 * error)
     assert np.mean(variances) == pytest.approx(np.var(totals), rel=0.15)
 
 
-MAKERS = {
-    "healthy": fields.healthy,
-    "0.05% wrong by 1": lambda rng, pixels: fields.spoilt(rng, pixels, 5e-4),
-    "0.005% wrong by 1": lambda rng, pixels: fields.spoilt(rng, pixels, 5e-5),
-    "perfect": fields.perfect,
-    "heavy tails": fields.heavy_tailed,
-    "log-normal": fields.lognormal,
-    "slight leaks": fields.slightly_leaking,
-    "rarely half wrong": fields.rarely_half_wrong,
-}
+# Most of the error of these is in a few pixels, so that the mean of 200 runs is seldom near it.
+RARE = {fields.heavy_tailed, fields.lognormal, fields.rarely_wrong, fields.very_rarely_wrong, fields.specks}
 
 
-@pytest.mark.parametrize("maker", MAKERS.values(), ids=MAKERS)
-def test_interval_holds_the_truth(maker):
-    """Nominally 95%; 90% is asked for. 200 runs at 95% are below 90% with probability 0.1%."""
-    pixels, probes, runs = 40_000, 256, 200
+@pytest.mark.parametrize("maker", fields.MAKERS, ids=lambda maker: maker.__name__)
+def test_interval_holds_the_truth_and_the_estimate_is_unbiased(maker):
+    """Nominally 95%; 90% is asked for. 200 runs at 95% are below 90% with probability 0.1%. Every other layer
+    has three channels, half of them with a reference that is noisy; every other run knows the weights."""
+    pixels, probes, runs = 10_000, 64, 200
     rng = np.random.default_rng(5)
-    held = 0
+    held, off = 0, []
     for run in range(runs):
         if run % 10 == 0:
             field = maker(rng, pixels)
-        error = measured(field, probes, rng, seed=run)
-        held += error.ci95[0] <= field.rmse <= error.ci95[1]
+            if run % 20:
+                field = field.in_colour(noise=0.05 * (run % 40 == 10))
+            truth = field.error
+        error = field.measured(probes, run, weighed=run % 2 == 0)
+        held += error.ci95[0] <= truth + 1e-9 and truth <= error.ci95[1]
+        off.append(error.value**2 - truth**2)
     assert held >= 0.9 * runs
+    if maker not in RARE | {fields.perfect}:
+        mean, uncertainty = average_of(off)
+        assert abs(mean) <= 4.0 * uncertainty
 
 
 def test_interval_is_narrow_for_common_errors_at_the_default_probes():
     rng = np.random.default_rng(6)
-    field = fields.healthy(rng, 960 * 540)
-    error = measured(field, 2048, rng, seed=0)
-    assert field.rmse == pytest.approx(0.011, abs=5e-4)
-    assert 0.0100 < error.ci95[0] < field.rmse < error.ci95[1] < 0.0126
-    assert error.value == pytest.approx(field.rmse, rel=0.06)
-    assert error.p99 == pytest.approx(np.quantile(np.abs(field.values - field.truths), 0.99), rel=0.1)
-    assert 2000 <= error.probes <= 2048
+    field = fields.healthy(rng, 200_000)
+    error = field.measured(2048, seed=0)
+    truth = field.error
+    assert truth == pytest.approx(0.0066, abs=5e-4)
+    assert 0.4 * truth < error.ci95[0] < truth < error.ci95[1] < 1.6 * truth
+    assert error.value == pytest.approx(truth, rel=0.15)
+    # Noise of the reference adds to it: at silhouettes as much as the error itself.
+    sizes = field.errors()[field.lit]
+    assert np.quantile(sizes, 0.99) <= error.p99 < 2.0 * np.quantile(sizes, 0.99)
+    assert 1500 <= error.probes <= 2100
 
 
 def test_a_naive_bootstrap_misses_rare_errors():
     """Why all this: 2048 uniform probes with the exact truth, errors of 1 in 0.05% of the pixels. A bootstrap
     is sure of the little that it saw."""
     rng = np.random.default_rng(7)
-    field = fields.spoilt(rng, 200_000, 5e-4)
-    squares = (field.values - field.truths) ** 2
+    squares = fields.rarely_wrong(rng, 200_000).errors() ** 2
     truth = math.sqrt(squares.mean())
     held = 0
     for _ in range(100):
@@ -188,30 +188,20 @@ def test_a_naive_bootstrap_misses_rare_errors():
 
 def test_bias_and_largest_error_are_found():
     rng = np.random.default_rng(8)
-    field = fields.slightly_leaking(rng, 100_000)
-    bias = np.average(field.values - field.truths, weights=field.weights)
-    found = [measured(field, 512, rng, seed).bias for seed in range(20)]
+    field = fields.slightly_leaking(rng, 20_000)
+    light = field.mean(field.light)[:, 0]
+    mean_light = light[field.lit].mean()
+    used = (field.values - field.used())[:, 0] * light / (light + mean_light)
+    found = [field.measured(256, seed).bias for seed in range(20)]
     mean, error = average_of(found)
-    assert mean == pytest.approx(bias, abs=4 * error)
-    spoilt = fields.spoilt(rng, 100_000, 1e-3)
-    assert measured(spoilt, 512, rng, seed=1).max > 0.9
-
-
-def test_nothing_to_measure():
-    error = finished(measure_visibility([], 100, None, None, None, seed=0))
-    assert (error.value, error.ci95, error.bias, error.p99, error.max) == (0.0, (0.0, 0.0), 0.0, 0.0, 0.0)
-    assert error.probes == 0
+    assert mean == pytest.approx(used[field.lit].mean(), abs=4 * error)
+    assert field.errors().max() < 0.3 < fields.specks(rng, 20_000).measured(512, seed=1).max
 
 
 def test_same_seed_same_figures():
-    rng = np.random.default_rng(9)
-    field = fields.healthy(rng, 20_000)
-    strata = field.strata(128, rng)
-    first, second = (
-        finished(measure_visibility(strata, 128, field.weigh, field.screen, field.reference, 3))
-        for _ in range(2)
-    )
-    assert first.to_json() | {"seconds": 0} == second.to_json() | {"seconds": 0}
+    field = fields.healthy(np.random.default_rng(9), 20_000)
+    first, second = (field.measured(128, 3).to_json() for _ in range(2))
+    assert first == second != field.measured(128, 4).to_json()
 
 
 def test_shared_looks():

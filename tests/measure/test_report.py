@@ -28,16 +28,19 @@ from strata.addon.measure.table import WIDTH, columns, cut, width_of, wrapped
 from strata.tests.support.places import ROOT
 
 ERROR = LayerError(
-    "weighted rmse",
+    "in use",
     0.01123456789,
     (0.0101, 0.0122),
     -0.001,
     0.05,
     0.21,
     2048,
-    "ray traced, 2 x 128 rays",
+    "ray traced, 32 view rays a pixel",
     1e-3,
     0.4,
+    method=0.004,
+    sampling=0.0105,
+    display=0.008,
 )
 OUTLINE = types.SimpleNamespace(scene_name="court.blend", frame=7)
 NAMES = ["Soft Shadow Key", "Soft Shadow Fill"]
@@ -96,11 +99,11 @@ def test_json_has_the_documented_keys():
         "verdict", "lowered_by",
     ]  # fmt: skip
     assert (key["role"], key["pass_name"]) == ("visibility", "K")
-    assert (key["verdict"], key["lowered_by"]) == ("fine", [])
+    assert (key["verdict"], key["lowered_by"]) == ("fine", ["samples"])
     assert key["error"] == {
-        "metric": "weighted rmse", "value": 0.0112346, "ci95": [0.0101, 0.0122], "bias": -0.001, "p99": 0.05,
-        "max": 0.21, "probes": 2048, "reference": "ray traced, 2 x 128 rays", "reference_noise": 0.001,
-        "seconds": 0.4,
+        "metric": "in use", "value": 0.0112346, "ci95": [0.0101, 0.0122], "bias": -0.001, "p99": 0.05,
+        "max": 0.21, "probes": 2048, "reference": "ray traced, 32 view rays a pixel",
+        "reference_noise": 0.001, "seconds": 0.4, "method": 0.004, "sampling": 0.0105, "display": 0.008,
     }  # fmt: skip
     assert (key["non_finite"], fill["non_finite"]) == (0, 2)
     assert {"error", "verdict", "lowered_by"}.isdisjoint(fill)
@@ -134,7 +137,7 @@ def test_peak_memory_grows_with_use():
 def test_table_says_what_a_person_asks():
     text = format_table(report())
     assert "court.blend, frame 7, 960 x 540" in text
-    assert re.search(r"Soft Shadow Key +0\.40 +1\.1% +1\.0% to 1\.2% +fine +5\.0% +21% +weighted rmse", text)
+    assert re.search(r"Soft Shadow Key +0\.40 +1\.1% +1\.0% to 1\.2% +fine +5\.0% +21% +in use", text)
     assert re.search(r"Soft Shadow Fill +0\.30 +not measured +2 values are not finite", text)
     assert re.search(r"layered_depth +Key +cpu +0\.200", text)
     assert "Soft Shadow Rim: reaches nothing in view" in text

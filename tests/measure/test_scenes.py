@@ -1,143 +1,127 @@
-"""The whole chain on random scenes: surface, maps, shadows, probes, interval; against rays at every pixel."""
+"""The whole chain on random scenes: a bake with weights, its error and interval; against many view rays
+through every pixel. And faults of all kinds, each of which a single report shows."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import replace
+from functools import cache, partial
+from itertools import count, islice
 
 import numpy as np
 import pytest
-import strata_kernels
-from strata.addon.core.executor import Executor
-from strata.addon.core.graph import Graph, Node, PlannedLayer
+from strata.addon.bake import BakeJob
 from strata.addon.core.outline import Outline
-from strata.addon.core.recorder import plan
-from strata.addon.core.sampling import Sampling
 from strata.addon.core.slices import finished
-from strata.addon.core.surface import Chunk
-from strata.addon.devices.cpu import CpuDevice, CpuRays
-from strata.addon.effects.shared import steps
-from strata.addon.effects.soft_shadow import EFFECT
+from strata.addon.effects.shared import lit, steps
+from strata.addon.measure.footprint import Probed, seen
 from strata.addon.measure.measure import Measurement
 from strata.addon.measure.report import LayerError
-from strata.tests.measure.scenes import random_scene, shot_of
-from strata.tests.support.executing import drain
+from strata.addon.planning import Options, plan_scene
+from strata.tests.measure.fields import LUMINANCE
+from strata.tests.measure.scenes import lamp, random_scene, shot_of
 
 SCENES = 50
-PROBES = 64
-TRUTH_RAYS = 256  # of each half, at every pixel; the halves' product is free of their noise
+PROBES = 256
+VIEWS = 32  # of each half, through every pixel; the halves' product is free of their noise
+
+# What scenes are baked with, in turn: bad settings too.
+SETTINGS = [
+    {},
+    {"samples": 1},
+    {"resolution": 128},
+    {"max_samples": 16},
+    {"weight": "none"},
+    {"samples": 4, "method": "hybrid"},
+]
 
 
-@dataclass
-class Scored:
-    """A scene's one layer, baked; `values` and the arrays of its shading points (rows, width[, 3])."""
+def bake(seed: int, outline: Outline | None = None, samples=8, weight="radiance", **values) -> list[Probed]:
+    """Of each layer of a random scene, what its score gets."""
+    own, arrays = random_scene(seed)
+    outline, kept = outline or own, []
 
-    outline: Outline
-    graph: Graph
-    points: dict[str, np.ndarray]
-    values: np.ndarray
-    rays: CpuRays
-    casters: np.ndarray
+    class Keeping(Measurement):
+        def measure(self, probed, *arguments):
+            kept.append(probed)
+            return super().measure(probed, *arguments)
 
-    @property
-    def surface(self) -> Node:
-        return self.graph.surface
-
-    @property
-    def layer(self) -> PlannedLayer:
-        return self.graph.layers[0]
-
-    def add(self, chunk, surface, layers) -> Iterator[None]:
-        self.points, self.values = surface, layers[self.layer.name]
-        yield
-
-    def measured(self, values=None, probes=PROBES, seed=0) -> LayerError:
-        values = self.values if values is None else values
-        measurement = Measurement(self.graph, self.outline, probes, seed)
-        width, height = self.graph.shot.size
-        chunk = Chunk(width, height, 0, height, 0, (0.0, 0.0))
-        finished(measurement.add(chunk, self.points, {self.layer.name: values}))
-        return finished(measurement.measure(self.layer, self.rays, self.casters, values))
-
-    def truth(self) -> tuple[np.ndarray, np.ndarray]:
-        """Two independent estimates (2, pixels) and the weights (pixels,), by the kernel's light samples."""
-        points = [
-            np.ascontiguousarray(self.points[name].reshape(-1, 3))
-            for name in ("position", "geometric_normal", "shading_normal")
-        ]
-        emitter, eye = self.outline.lights[0].emitter.packed(), np.array(self.graph.shot.origin)
-        halves = [
-            strata_kernels.ray_visibility(
-                self.rays.accel, self.casters, emitter, eye, *points, TRUTH_RAYS, 1000 + half
-            )
-            for half in range(2)
-        ]
-        return np.array([half[0] for half in halves], np.float64), halves[0][1].astype(np.float64)
+    values = {"soft_shadow": {"resolution": 256} | values}
+    options = Options(("soft_shadow",), "cpu", samples, 1, values, weight=weight)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("strata.addon.bake.Measurement", Keeping)
+        BakeJob(outline, plan_scene(outline, shot_of(seed), options), arrays, options).result()
+    return kept
 
 
-def bake(seed: int) -> Scored | None:
-    """None where the plan leaves the light out."""
-    outline, arrays = random_scene(seed)
-    graph = plan(outline, shot_of(seed), {EFFECT: EFFECT.params(resolution=256)})
-    if not graph.layers:
-        return None
-    device = CpuDevice()
-    device.set_scene(outline, arrays)
-    executor = Executor(device, device)
-    layer = graph.layers[0]
-    shot = Scored(outline, graph, {}, np.empty(0), None, device.instance_mask(layer.casters))
-    drain(executor.run(graph, Sampling(*graph.shot.size), shot))
-    accelerator = executor.value(steps.ray_accelerator(outline, graph.shot), device)
-    shot.rays = CpuRays(accelerator, np.array(graph.shot.origin))
-    return shot
+def measured(probed: Probed, probes: int, seed: int = 0) -> LayerError:
+    return finished(Measurement(probes, seed).measure(probed))
+
+
+class Truth:
+    """What many view rays through every pixel of a layer tell."""
+
+    def __init__(self, probed: Probed):
+        told = probed.rays, probed.outline, probed.layer, probed.layers, probed.casters
+        truth = partial(probed.layer.kind.score.truth, *told)
+        looked = finished(seen(probed, truth, np.arange(probed.image.size), VIEWS, 1, 99, 2))
+        self.values, self.light = looked.truth[0, ..., 0], looked.multiplied @ LUMINANCE
+
+    def error(self, image: np.ndarray) -> float:
+        """By the definition: over the pixels that the lamp would light."""
+        whole = self.light.mean(axis=1)
+        errors = (image.reshape(-1, 1).astype(np.float64) - self.values) * self.light
+        halves = errors.reshape(len(whole), 2, VIEWS).mean(axis=2)
+        shares = halves[whole > 0.0] / (whole + whole[whole > 0.0].mean())[whole > 0.0, None]
+        return float(np.sqrt(max(shares.prod(axis=1).mean(), 0.0)))
 
 
 @cache
-def shots() -> list[tuple[Scored, np.ndarray, np.ndarray]]:
-    baked = [shot for seed in range(SCENES + 10) if (shot := bake(seed))][:SCENES]
-    assert len(baked) == SCENES
-    return [(shot, *shot.truth()) for shot in baked]
+def scenes() -> list[tuple[Probed, Truth]]:
+    """Without those of which the plan leaves the light out."""
+    numbers = ((seed, SETTINGS[seed % len(SETTINGS)]) for seed in count())
+    baked = (probed for seed, values in numbers for probed in bake(seed, **values))
+    return [(probed, Truth(probed)) for probed in islice(baked, SCENES)]
 
 
-def rmse(values, halves, weights) -> float:
-    values = values.reshape(-1).astype(np.float64)
-    squares = (weights * (values - halves[0]) * (values - halves[1])).sum()
-    return float(np.sqrt(max(squares, 0.0) / weights.sum()))
-
-
-def spoilt(values, halves, weights, rng) -> np.ndarray:
-    """One to five of a thousand lit pixels turned from light to dark or from dark to light."""
-    values = values.copy()
-    lit = np.flatnonzero(weights > 0.0)
-    bad = rng.choice(lit, max(round(rng.uniform(1e-3, 5e-3) * len(lit)), 1), replace=False)
-    values.reshape(-1)[bad] = halves.mean(0)[bad] < 0.5
-    return values
+def spoilt(image: np.ndarray, rng) -> np.ndarray:
+    """One to five of a thousand pixels turned from light to dark or from dark to light."""
+    image = image.copy()
+    bad = rng.choice(image.size, max(round(rng.uniform(1e-3, 5e-3) * image.size), 1), replace=False)
+    image.reshape(-1)[bad] = image.reshape(-1)[bad] < 0.5
+    return image
 
 
 @pytest.mark.parametrize("rare_errors", [False, True], ids=["as baked", "rare large errors"])
 def test_the_interval_holds_the_true_error(rare_errors):
     rng = np.random.default_rng(0)
-    held, missed = 0, []
-    for seed, (shot, halves, weights) in enumerate(shots()):
-        values = spoilt(shot.values, halves, weights, rng) if rare_errors else shot.values
-        truth, error = rmse(values, halves, weights), shot.measured(values, seed=seed)
-        low, high = error.ci95
-        if low <= truth <= high:
-            held += 1
-        else:
-            missed.append((seed, truth, error.ci95))
-    assert held >= 0.9 * SCENES, missed
+    missed = []
+    for seed, (probed, truth) in enumerate(scenes()):
+        image = spoilt(probed.image, rng) if rare_errors else probed.image
+        error, (low, high) = truth.error(image), measured(replace(probed, image=image), PROBES, seed).ci95
+        if not low <= error <= high:
+            missed.append((seed, error, low, high))
+    assert len(missed) <= 0.1 * SCENES, missed
+
+
+def test_the_interval_ends_close_above_the_true_error():
+    """Of what noise has taken, nothing can be said."""
+    errors = [truth.error(probed.image) for probed, truth in scenes()]
+    highs = [measured(probed, PROBES, seed).ci95[1] for seed, (probed, _) in enumerate(scenes())]
+    assert np.median([high / error for high, error in zip(highs, errors, strict=True) if error > 0.0]) <= 1.3
 
 
 def test_estimates_are_unbiased():
     """Squares of many layers, each seen with few probes, add up to the true sum."""
-    found, true = [], []
-    for shot, halves, weights in shots()[:20]:
-        true.append(rmse(shot.values, halves, weights) ** 2)
-        found.append([shot.measured(seed=seed).value ** 2 for seed in range(8)])
-    sums = np.sum(found, axis=0)
-    assert sums.mean() == pytest.approx(sum(true), abs=4 * sums.std(ddof=1) / np.sqrt(8))
+    found = [[measured(probed, 64, seed).value ** 2 for seed in range(6)] for probed, _ in scenes()[:12]]
+    true = [truth.error(probed.image) ** 2 for probed, truth in scenes()[:12]]
+    uncertainty = np.sqrt((np.var(found, axis=1, ddof=1) / 6).sum())
+    assert np.mean(found, axis=1).sum() == pytest.approx(sum(true), abs=4 * uncertainty)
+
+
+def two_lamps(seed: int) -> Outline:
+    outline, _ = random_scene(seed)
+    other = replace(outline.lights[0], name="Other", key="Other", emitter=lamp(np.random.default_rng(99)))
+    return replace(outline, lights=(*outline.lights, other))
 
 
 def broken(change):
@@ -151,27 +135,55 @@ def broken(change):
     return replace(sound, name="layered_depth_broken", cpu=twin)
 
 
-BUGS = {
-    "map shifted by a fiftieth": lambda depths: np.roll(depths, 5, axis=2),
+FAULTY_MAPS = {
+    "shifted by a fiftieth": lambda depths: np.roll(depths, 5, axis=2),
     "nearest layer lost": lambda depths: np.concatenate([depths[1:], np.full_like(depths[:1], np.inf)]),
 }
 
 
-@pytest.mark.parametrize("bug", BUGS.values(), ids=BUGS)
-def test_a_broken_kernel_shows_in_one_report(bug, monkeypatch):
-    healthy = bake(1).measured(probes=512)
-    monkeypatch.setattr(steps, "LAYERED_DEPTH", broken(bug))
-    report = bake(1).measured(probes=512)
-    assert report.ci95[0] > 1.5 * healthy.ci95[1]
-    assert report.max > 0.3
+@pytest.fixture(scope="module")
+def sound() -> list[Probed]:
+    return bake(1, two_lamps(1), samples=16)
 
 
-def test_the_choice_of_tiles_does_not_change_the_report(monkeypatch):
-    shot = bake(2)
-    monkeypatch.setattr("strata.addon.core.sampling.PIXELS_PER_TILE", 48 * 7)
-    measurement = Measurement(shot.graph, shot.outline, PROBES, 0)
-    device = CpuDevice()
-    device.set_scene(*random_scene(2))
-    drain(Executor(device, device).run(shot.graph, Sampling(*shot.graph.shot.size), measurement))
-    tiled = finished(measurement.measure(shot.layer, shot.rays, shot.casters, shot.values))
-    assert tiled.to_json() | {"seconds": 0} == shot.measured().to_json() | {"seconds": 0}
+def assert_shows(sound: list[Probed], faulty: Probed) -> LayerError:
+    """Against the healthy layer of the same lamp."""
+    healthy = next(each for each in sound if each.layer.of == faulty.layer.of)
+    error = measured(faulty, 512)
+    assert error.ci95[0] > measured(healthy, 512).ci95[1]
+    return error
+
+
+@pytest.mark.parametrize("fault", FAULTY_MAPS.values(), ids=FAULTY_MAPS)
+def test_a_wrong_map_shows_in_one_report_as_the_methods_fault(fault, sound, monkeypatch):
+    monkeypatch.setattr(steps, "LAYERED_DEPTH", broken(fault))
+    error = assert_shows(sound, bake(1, two_lamps(1), samples=16)[0])
+    assert error.method > 0.7 * error.value
+    assert error.max > 0.3
+
+
+def test_missing_weights_show_as_sampling(sound):
+    error = assert_shows(sound, bake(1, two_lamps(1), samples=16, weight="none")[0])
+    assert error.sampling > error.method
+
+
+def test_weights_of_another_lamp_show(sound, monkeypatch):
+    """Of one that lights the things, and not the floor."""
+    irradiance, things = lit.irradiance, frozenset(range(1, len(two_lamps(1).instances)))
+
+    def of_another(recorder, surface, light):
+        return irradiance(recorder, surface, replace(light, receivers=things))
+
+    monkeypatch.setattr(lit, "irradiance", of_another)
+    assert_shows(sound, bake(1, two_lamps(1), samples=16)[0])
+
+
+def test_a_layer_of_another_lamp_shows(sound):
+    first, last = sound
+    assert_shows(sound, replace(first, image=last.image, weights=last.weights, samples=last.samples))
+
+
+def test_a_shadow_is_the_methods_and_an_edge_is_samplings():
+    """With rays wherever a map is in doubt, nearly all that is left is what lies between the samples."""
+    error = measured(bake(1, two_lamps(1), samples=2, method="hybrid", rays=64)[0], 512)
+    assert error.method < 0.5 * error.sampling

@@ -10,7 +10,9 @@ from strata.addon.bake import bake
 from strata.addon.effects.soft_shadow.params import SoftShadowParams
 from strata.addon.effects.toon.params import ToonParams
 from strata.addon.effects.volumetric_light.params import VolumetricLightParams
-from strata.addon.measure.image import LightScore, MaskScore
+from strata.addon.measure.in_use import InUseScore
+from strata.addon.measure.light import LightScore
+from strata.addon.measure.mask import MaskScore
 from strata.addon.measure.report import LayerError, LayerReport, Report, format_table
 from strata.addon.measure.verdict import (
     FINE_UP_TO,
@@ -22,14 +24,13 @@ from strata.addon.measure.verdict import (
     verdict,
     worded,
 )
-from strata.addon.measure.visibility import VisibilityScore
 from strata.addon.planning import Options
 from strata.addon.preview import caption
 from strata.addon.preview.viewport import Statistics
 from strata.addon.scene.open import choose, open_blend
 from strata.tests.support.places import SAMPLES
 
-SHADOW, LIGHT, MASK = VisibilityScore(None, None, None), LightScore(None), MaskScore(None)
+SHADOW, LIGHT, MASK = InUseScore(print), LightScore(None), MaskScore(None)
 
 
 def test_invisible_is_less_than_8_bits_lose_in_middle_grey():
@@ -85,23 +86,39 @@ def test_the_preview_says_noise_and_what_lowers_it_once_it_is_done():
     assert caption.lines(refining)[1] == "noise 3.0%, visible"  # it gets better by itself
 
 
+def error_of(method: float | None, sampling: float | None) -> LayerError:
+    return LayerError("in use", 0.1, (0.0, 0.2), 0.0, 0.0, 0.0, 64, "rays", 0.0, 0.1, method, sampling)
+
+
+WRONG, ALIASED, UNKNOWN = error_of(0.1, 0.01), error_of(0.01, 0.1), error_of(None, None)
+
+
 def test_settings_that_change_nothing_are_not_advised():
     bitmask = SoftShadowParams()
-    assert SHADOW.lowered_by(bitmask)[0] == "method=hybrid"
-    assert "rays" not in SHADOW.lowered_by(bitmask)  # bitmask asks none
+    assert SHADOW.lowered_by(bitmask, WRONG)[0] == "method=hybrid"
+    assert "rays" not in SHADOW.lowered_by(bitmask, WRONG)  # bitmask asks none
     hybrid = SoftShadowParams.checked("soft_shadow", {"method": "hybrid", "layers": 8, "spacing": 2})
-    found = SHADOW.lowered_by(hybrid)
+    found = SHADOW.lowered_by(hybrid, WRONG)
     assert found[:3] == ("spacing=1", "rays", "resolution")
     assert {"method=hybrid", "layers"}.isdisjoint(found)  # there are no more than 8
     coarse = VolumetricLightParams.checked("volumetric_light", {"scale": "1/4"})
-    assert LIGHT.lowered_by(coarse)[0] == "scale=1"
-    assert MASK.lowered_by(None) == ("samples",)
-    assert SHADOW.lowered_by(None) == ()
+    assert LIGHT.lowered_by(coarse, UNKNOWN)[0] == "scale=1"
+    assert MASK.lowered_by(None, UNKNOWN) == SHADOW.lowered_by(None, UNKNOWN) == ("samples",)
     assert advice(()) == ""
     assert (
         advice(["method=hybrid", "resolution"], SoftShadowParams) == "lower it with Method Hybrid, Map Size"
     )
     assert advice(["samples"], ToonParams) == "lower it with Samples"
+
+
+def test_more_samples_are_advised_first_where_there_are_too_few():
+    for score in (SHADOW, LIGHT):
+        few, enough = (
+            score.lowered_by(SoftShadowParams(), ALIASED),
+            score.lowered_by(SoftShadowParams(), WRONG),
+        )
+        assert few[0] == enough[-1] == "samples"
+        assert few[1:] == enough[:-1]
 
 
 @pytest.mark.parametrize(

@@ -22,12 +22,12 @@ def weighted_bias(errors, weights) -> float:
     return float((weights * errors).sum() / total) if total > 0.0 else 0.0
 
 
-def relative_l2(values, truths) -> float:
-    """Root mean square of value - truth over the mean |truth|; 0 where both are all 0, infinite where only
-    the truth is."""
+def in_use_of_light(values, truths) -> float:
+    """Of a layer (height, width, channels) that adds: root mean square of (value - truth) / (|truth| at the
+    pixel + mean truth); where all of that is 0, of the values."""
     values, truths = np.asarray(values, np.float64), np.asarray(truths, np.float64)
-    root, mean = np.sqrt(np.mean((values - truths) ** 2)), np.mean(np.abs(truths))
-    return float(root / mean) if mean > 0.0 else np.inf if root > 0.0 else 0.0
+    whole = np.abs(truths).mean(axis=-1, keepdims=True) + (abs(truths.mean()) or 1.0)
+    return float(np.sqrt((((values - truths) / whole) ** 2).mean()))
 
 
 def wrong_share(values, truths, tolerance: float = 0.0) -> float:

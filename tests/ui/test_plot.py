@@ -29,7 +29,7 @@ def test_plot_of_nothing_is_empty():
 
 
 def test_history_is_kept_by_scene_and_is_bounded():
-    error = LayerError("weighted rmse", 0.5, (0.4, 0.6), 0.0, 0.9, 1.0, 64, "ray traced", 0.01, 0.1)
+    error = LayerError("in use", 0.5, (0.4, 0.6), 0.0, 0.9, 1.0, 64, "ray traced", 0.01, 0.1)
     layers = [
         {"name": "A", "seconds": 1.0, "error": error.to_json()},
         {"name": "B", "seconds": 1.0},

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from strata.addon.bake import bake
 from strata.addon.core.errors import StrataError
+from strata.addon.core.working_space import LUMINANCE
 from strata.addon.devices.cpu import CpuDevice
-from strata.addon.effects.shared.weights import FLOOR, FLOOR_OFF_SURFACES, LUMINANCE, MOST, WEIGHT
+from strata.addon.effects.shared.weights import FLOOR, FLOOR_OFF_SURFACES, MOST, WEIGHT
 from strata.addon.planning import Options
 from strata.tests.support.gpu_scenes import gpu_device
 from strata.tests.support.tiny_effects import GOBO, registry

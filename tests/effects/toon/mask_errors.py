@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from strata.addon.core.execution import Execution
 from strata.addon.core.executor import Executor
+from strata.addon.core.metrics import WRONG
 from strata.addon.core.sampling import Sampling
 from strata.addon.devices.cpu import CpuDevice
-from strata.addon.measure.image import SUPERSAMPLES, WRONG
+from strata.addon.measure.mask import SUPERSAMPLES
 from strata.tests.support.executing import drain
 
 
