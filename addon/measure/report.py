@@ -18,7 +18,7 @@ from ..core.outline import Outline
 from ..core.sequence import SequenceLayer
 from ..core.version import VERSION
 from .table import columns, heading, wrapped
-from .verdict import Verdict, advice, interval_words, percent, worded
+from .verdict import Verdict, interval_words, percent, told, worded
 
 SIGNIFICANT_DIGITS = 6
 STEPS_SHOWN = 10
@@ -82,13 +82,15 @@ class NotMeasured:
 
 
 def error_of(entry: Mapping[str, Any] | None) -> LayerError | NotMeasured | None:
-    """What `to_json` made of a layer's error, read back; None for a layer that nobody wanted measured."""
+    """What `to_json` made of a layer's error, read back, of another version too, whose own figures are left
+    out; None for a layer that nobody wanted measured."""
     if not entry:
         return None
     if "not_measured" in entry:
         return NotMeasured(entry["not_measured"])
     low, high = entry["ci95"]
-    return LayerError(**{**entry, "ci95": (low, high)})
+    known = {key: item for key, item in entry.items() if key in LayerError.__dataclass_fields__}
+    return LayerError(**{**known, "ci95": (low, high)})
 
 
 @dataclass(frozen=True)
@@ -96,9 +98,9 @@ class LayerReport:
     """One layer. `seconds` are its own steps', `seconds_alone` what baking only it would have cost;
     `neutral`: the frame does not need it, but others of the sequence do; `verdict`: how much of a measured
     error is to be seen (verdict.py), empty for others; `lowered_by`: settings that lower it, where it may be
-    seen, and `advice` the same for a person; `joins`: not so where the picture takes the same from another
-    effect; `role`: what it is to the picture (core/roles.py), and `pass_name` that of the lamp that it is of,
-    which the compositor's nodes are built from."""
+    seen; `words`: what a person is told of it, if anything; `joins`: not so where the picture takes the same
+    from another effect; `role`: what it is to the picture (core/roles.py), and `pass_name` that of the lamp
+    that it is of, which the compositor's nodes are built from."""
 
     name: str
     effect: str
@@ -110,7 +112,7 @@ class LayerReport:
     neutral: bool = False
     verdict: str = ""
     lowered_by: tuple[str, ...] = ()
-    advice: str = ""
+    words: str = ""
     joins: bool = True
     role: str = ""
     pass_name: str = ""
@@ -125,7 +127,7 @@ class LayerReport:
             del plain["neutral"]
         if self.joins:
             del plain["joins"]
-        del plain["verdict"], plain["lowered_by"], plain["advice"]
+        del plain["verdict"], plain["lowered_by"], plain["words"]
         if self.verdict:
             plain |= {"verdict": self.verdict, "lowered_by": list(self.lowered_by)}
         return plain
@@ -256,8 +258,8 @@ def _judged(layer: PlannedLayer, error: LayerError | NotMeasured | None, outline
     if params is not None and layer.of.is_lamp:
         params = outline.lights[layer.of.index].params_for(layer.effect, params)
     settings = score.lowered_by(params, error)
-    advised = advice(settings, type(params) if params is not None else None)
-    return {"verdict": words, "lowered_by": settings, "advice": advised}
+    sentence = told(error, layer.light, settings, type(params) if params is not None else None)
+    return {"verdict": words, "lowered_by": settings, "words": sentence}
 
 
 def _non_finite(image: np.ndarray) -> int:
@@ -334,7 +336,7 @@ def _layer_rows(report: Report) -> list[list[str]]:
 def _notes(layer: LayerReport) -> list[str]:
     if isinstance(layer.error, NotMeasured):
         return wrapped(layer.error.why, f"  {layer.name} is not measured: ")
-    return wrapped(layer.advice, f"  {layer.name}: ") if layer.advice else []
+    return wrapped(layer.words, f"  {layer.name}: ") if layer.words else []
 
 
 def _step_rows(report: Report) -> list[list[str]]:

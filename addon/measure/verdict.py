@@ -10,13 +10,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum
+from typing import TYPE_CHECKING
 
 from ..core.params import Params, ParamSpec, in_words
+
+if TYPE_CHECKING:
+    from .report import LayerError
 
 INVISIBLE_UP_TO = 0.005
 FINE_UP_TO = 0.02
 LEAST_SHOWN = 0.001
 MOST_SETTINGS = 3  # named in one piece of advice
+HALF = 0.5  # of an error: what a display hides, or what colour adds, from where on it is worth saying
+
+USES = {
+    "in use": "multiplied onto {onto}, off by {amount} of the brightness",
+    "in use, added": "added to the picture, off by {amount} of the brightness",
+    "share of wrong pixels": "{amount} of its pixels are wrong",
+    # Of files that earlier versions baked.
+    "weighted rmse": "off by {amount} at surface points (weighted RMSE, not the error in use)",
+    "relative l2": "off by {amount} of its mean at pixel centres (relative L2, not the error in use)",
+}
+"""What a figure is of, by its metric."""
 
 
 class Verdict(Enum):
@@ -40,13 +55,50 @@ def worded(rms: float, high: float) -> str:
     return found.value if worst == found else f"{found.value}, perhaps {worst.value}"
 
 
+def off_by(metric: str, amount: str, light: str = "") -> str:
+    """`multiplied onto its light, off by 2.0% of the brightness`, for an `amount` of 2.0%; `light`: the
+    layer's, empty where it has none."""
+    onto = "its light" if light else "the picture"
+    return USES.get(metric, f"{metric}: {{amount}}").format(onto=onto, amount=amount)
+
+
+def causes(error: LayerError, settings: Sequence[str] = (), params: type[Params] | None = None) -> list[str]:
+    """Where an error comes from and what lowers it, one clause each; `settings` as a score names them
+    (`lowered_by`), none where it is not to be seen."""
+    found = []
+    if settings and error.method is not None and error.sampling is not None:
+        if verdict(error.value) is Verdict.INVISIBLE:
+            return found  # only the interval reaches further: there is nothing to lower that is known of
+        if error.sampling > error.method:
+            found.append("most of it is aliasing: more samples")
+        else:
+            found.append(f"most of it is the method: {_names(settings, params)}")
+    elif settings:
+        found.append(advice(settings, params))
+    if settings and error.display is not None and error.display < HALF * error.value:
+        found.append(f"on a display {percent(error.display)}, since white is clipped")
+    if error.model is not None and error.model > max(INVISIBLE_UP_TO, HALF * error.value):
+        found.append(f"besides {percent(error.model)} of colour, which one channel cannot hold")
+    return found
+
+
+def told(
+    error: LayerError, light: str, settings: Sequence[str] = (), params: type[Params] | None = None
+) -> str:
+    """All that is said of one layer's error, in one line; empty where it has no causes."""
+    clauses = causes(error, settings, params)
+    return "; ".join([off_by(error.metric, percent(error.value), light), *clauses]) if clauses else ""
+
+
 def advice(settings: Sequence[str], params: type[Params] | None = None) -> str:
     """`lower it with Method Hybrid, Map Size`, as panels call the settings of an effect; empty where nothing
     does."""
-    if not settings:
-        return ""
+    return f"lower it with {_names(settings, params)}" if settings else ""
+
+
+def _names(settings: Sequence[str], params: type[Params] | None) -> str:
     specs = {spec.name: spec for spec in params.specs()} if params else {}
-    return f"lower it with {', '.join(_called(name, specs) for name in settings[:MOST_SETTINGS])}"
+    return ", ".join(_called(name, specs) for name in settings[:MOST_SETTINGS])
 
 
 def _called(setting: str, specs: dict[str, ParamSpec]) -> str:

@@ -16,7 +16,7 @@ from ..layers.compositor import can_take_away
 from ..layers.exr_params import ExrParams
 from ..layers.fitting import rendering, unfit_file, unfit_render
 from ..measure.report import LayerError, NotMeasured, error_of
-from ..measure.verdict import advice, interval_words, percent
+from ..measure.verdict import causes, interval_words, off_by, percent
 from . import boxes, plot
 from .output import output_of, told_output, waits_for_saving
 from .rows import parameters
@@ -259,7 +259,7 @@ def result(layout: bpy.types.UILayout, context) -> None:
             _result_row(grid, "Error", "Time", is_active=False).label(text=effect.title)
         for layer in made:
             _layer_result(grid, context, layer, numbers)
-        _advice(grid, context, effect, made)
+        _told(grid, context, effect, made)
     for warning in report["warnings"]:
         text(layout, context, warning, "ERROR")
     show_buttons(layout, context)
@@ -277,11 +277,20 @@ def show_buttons(layout: bpy.types.UILayout, context) -> None:
         folder.filepath = str(made.file.parent)
 
 
-def _advice(layout: bpy.types.UILayout, context, effect: Effect, made: list[dict]) -> None:
-    """What lowers errors that are to be seen, once for all layers that have the same settings."""
-    for lower in dict.fromkeys(advice(layer.get("lowered_by", ()), effect.params) for layer in made):
-        if lower:
-            text(layout, context, sentence(lower), "INFO")
+def _told(layout: bpy.types.UILayout, context, effect: Effect, made: list[dict]) -> None:
+    """What the figures are of, where they come from and what lowers them: what holds for all layers once,
+    else with their names."""
+    errors = [(layer, error_of(layer.get("error"))) for layer in made]
+    errors = [(layer, error) for layer, error in errors if isinstance(error, LayerError)]
+    said: dict[str, list[str]] = {}
+    for layer, error in errors:
+        light = layer.get("light", "")
+        clauses = causes(error, layer.get("lowered_by", ()), effect.params)
+        for clause in (off_by(error.metric, "this share", light), *clauses):
+            said.setdefault(clause, []).append(light or layer["name"])
+    for clause, names in said.items():
+        is_of_all = len(names) == len(errors)
+        text(layout, context, sentence(clause) if is_of_all else f"{', '.join(names)}: {clause}", "INFO")
 
 
 def unjoinable(context) -> str:
@@ -316,7 +325,8 @@ def compositor_button(layout: bpy.types.UILayout, context) -> None:
 def _layer_result(layout: bpy.types.UILayout, context, layer: dict, numbers: dict[str, int]) -> None:
     name, error = layer["name"], error_of(layer.get("error"))
     icon = plot.dot_icon(numbers[name]) if name in numbers else 0
-    shown = percent(error.value) if isinstance(error, LayerError) else ""
+    # A cell of a narrow column has no room for "below".
+    shown = percent(error.value).replace("below ", "<") if isinstance(error, LayerError) else ""
     row = _result_row(layout, shown, f"{layer['seconds']:.2f} s")
     light = layer.get("light", "")
     button = row.operator("strata.show_layer", text=light or name, icon_value=icon, emboss=False)
@@ -326,7 +336,9 @@ def _layer_result(layout: bpy.types.UILayout, context, layer: dict, numbers: dic
     elif error:
         column = layout.column()
         column.active = False
-        text(column, context, f"{layer['verdict']} (95% sure: {interval_words(*error.ci95)})", "BLANK1")
+        text(
+            column, context, f"{layer.get('verdict', '')} (95% sure: {interval_words(*error.ci95)})", "BLANK1"
+        )
 
 
 def _result_row(layout, error: str, seconds: str, is_active: bool = True) -> bpy.types.UILayout:

@@ -14,7 +14,7 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 from strata.addon.core.layers import Layer, LayerSet
 from strata.addon.effects.registry import EFFECTS
 from strata.addon.measure.report import NotMeasured, error_of
-from strata.addon.measure.verdict import advice, interval_words, percent
+from strata.addon.measure.verdict import causes, interval_words, off_by, percent
 
 WIDTH, MARGIN, GAP = 1600, 48, 28
 BACKGROUND, PANEL, TEXT, QUIET, ACCENT = "#15171c", "#1d2027", "#eceef2", "#9aa3b2", "#f2b261"
@@ -82,7 +82,7 @@ def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[int, np.
     columns = 2 if len(layer_set.layers) in (1, 2, 4) else 3
     tile_width = (WIDTH - 2 * MARGIN - (columns - 1) * GAP) // columns
     tile_size = (tile_width, round(tile_width * aspect))
-    caption = 96
+    caption = 118
     rows = -(-len(layer_set.layers) // columns)
     notes = _notes(layer_set.report)
     told = {entry["name"]: entry for entry in layer_set.report.get("layers", ())}
@@ -112,23 +112,26 @@ def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int, told: dict
     seconds = f"{layer.seconds:.2f} s"
     draw.text((x + width - 16, y + height + 13), seconds, ACCENT, label_font(20), anchor="ra")
     settings = told.get("lowered_by", ())
-    advised = advice(settings, EFFECTS.named(layer.effect).params) if settings else ""
-    for line, text in enumerate(error_lines(layer.error, told.get("verdict", ""), advised)):
+    params = EFFECTS.named(layer.effect).params if settings else None
+    lines = error_lines(layer.error, layer.light, told.get("verdict", ""), settings, params)
+    for line, text in enumerate(lines):
         font = label_font(16)
         text = _fitted(draw, text, font, width - 32)
         draw.text((x + 16, y + height + 44 + 22 * line), text, ACCENT if not line else QUIET, font)
 
 
-def error_lines(error: dict, verdict: str = "", advised: str = "") -> tuple[str, str]:
-    """The two caption lines: the error with its interval and how much of it is to be seen; what lowers it, or
-    how it was measured."""
+def error_lines(error: dict, light: str = "", verdict: str = "", settings=(), params=None) -> tuple[str, ...]:
+    """The caption's lines: what the error is; how much of it is to be seen, with its interval; where it comes
+    from and what lowers it, or how it was measured."""
     found = error_of(error)
     if found is None:
-        return "error not measured", ""
+        return ("error not measured",)
     if isinstance(found, NotMeasured):
         return "error not measured", found.why
-    value = f"error {percent(found.value)}, {verdict}  (95%: {interval_words(*found.ci95)})"
-    return value, advised or f"{found.probes} probes · {found.reference}"
+    seen = f"{verdict} (95% sure: {interval_words(*found.ci95)})".lstrip()
+    measured = f"{found.probes} probes · {found.reference}"
+    why = "; ".join(causes(found, settings, params))
+    return off_by(found.metric, percent(found.value), light), seen, why or measured
 
 
 def _fitted(draw, text: str, font, width: int) -> str:

@@ -14,7 +14,9 @@ from strata.addon.measure.report import LayerError
 
 WIDTH, HEIGHT = 7, 5
 
-ERROR = LayerError("in use", 0.011, (0.01, 0.012), 0.0, 0.1, 0.2, 64, "rays", 1e-3, 0.1).to_json()
+ERROR = LayerError(
+    "in use", 0.011, (0.01, 0.012), 0.0, 0.1, 0.2, 64, "rays", 1e-3, 0.1, method=0.005, sampling=0.01
+).to_json()
 
 
 def pixels(channels: str, seed: int = 0) -> np.ndarray:
