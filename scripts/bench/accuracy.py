@@ -30,31 +30,16 @@ def courtyard(quick: bool) -> str:
             f"{found.bias:+.4f}",
             f"{found.p99:.3f}",
         ]
-        figures += [f"{found.largest:.2f}", rmse(found.value)]
-        interval = f"{rmse(found.ci95[0])} to {rmse(found.ci95[1])}"
-        rows.append([name, found.light, *figures, interval, "yes" if found.agrees else "no"])
-    header = [
-        "settings",
-        "light",
-        "RMSE",
-        "Cycles' noise",
-        "rays",
-        "bias",
-        "p99",
-        "max",
-        "reported",
-        "95% interval",
-    ]
+        rows.append([name, found.light, *figures, f"{found.largest:.2f}"])
+    header = ["settings", "light", "RMSE", "Cycles' noise", "rays", "bias", "p99", "max"]
     return "\n\n".join(
         [
             "### Courtyard against Cycles",
             f"{size[0]}x{size[1]}, at pixel centres. Cycles: 2 x {samples} samples, each light alone, lit "
             "over unlit, its noise taken off. RMSE and bias are weighted by the unshadowed light. "
             "Rays: RMSE of Strata's own rays from every pixel against Cycles, most of it from one "
-            "pixel in a thousand where the two are worlds apart. Reported is what the bake says of "
-            "itself, by rays at its probes; it agrees where its interval, with the rays' own distance "
-            "added in squares and widened by Cycles' noise, holds the RMSE.",
-            table([*header, "agrees"], rows),
+            "pixel in a thousand where the two are worlds apart.",
+            table(header, rows),
         ]
     )
 
@@ -107,30 +92,29 @@ def volumetric(quick: bool) -> str:
     """Every light of mist, scattered once by its haze: by rays, and against Cycles."""
     scene = open_sample("mist")
     samples, size, large = (16, (96, 54), (96, 54)) if quick else (1024, (96, 54), (240, 135))
+    probes = 64 if quick else airlight.PROBES
     measured = []
-    for layer in airlight.by_rays(scene, large):
+    for layer in airlight.by_rays(scene, large, airlight.SAMPLES, probes):
         error = layer.error
         interval = f"{rmse(error['ci95'][0])} to {rmse(error['ci95'][1])}"
-        figures = rmse(error["reference_noise"]), f"{error['bias']:+.4f}", error["probes"]
-        measured.append([layer.light, rmse(error["value"]), interval, *figures])
+        parts = rmse(error["method"]), rmse(error["sampling"]), rmse(error["reference_noise"])
+        measured.append([layer.light, rmse(error["value"]), interval, *parts, f"{error['bias']:+.4f}"])
     rows = []
-    for found in airlight.compare_all(scene, samples, size):
-        figures = [rmse(found.error), rmse(found.cycles_noise), f"{found.bias:+.4f}", rmse(found.value)]
-        interval = f"{rmse(found.ci95[0])} to {rmse(found.ci95[1])}"
-        rows.append([found.light, *figures, interval, "yes" if found.agrees else "no"])
-    by_rays = ["light", "relative L2", "95% interval", "rays' noise", "bias", "pixels"]
-    header = ["light", "relative L2", "Cycles' noise", "bias", "reported", "95% interval", "agrees"]
+    for found in airlight.compare_all(scene, samples, size, probes=probes):
+        figures = rmse(found.error), rmse(found.cycles_noise), f"{found.bias:+.4f}", rmse(found.method)
+        rows.append([found.light, *figures])
+    by_rays = ["light", "error in use", "95% interval", "method", "sampling", "rays' noise", "bias"]
+    header = ["light", "error", "Cycles' noise", "bias", "method, by rays"]
     return "\n\n".join(
         [
             "### Mist by rays",
-            f"Default settings, {large[0]}x{large[1]}, at pixel centres: every pixel against 2 x 512 samples "
-            "along its ray, each with a ray to a random point of the light, in the brightest pixels many "
-            "times that. Every pixel was looked at, so that the interval is the rays' noise only.",
+            f"Default settings, {large[0]}x{large[1]}, {airlight.SAMPLES} samples a pixel, {probes} probes, "
+            "by 2 x 512 samples along each view ray, each with a ray to a random point of the light.",
             table(by_rays, measured),
             "### Mist against Cycles",
-            f"The same at {size[0]}x{size[1]}. Cycles: 2 x {samples} samples, each "
-            "light alone, no bounces, its noise taken off. Reported is what the bake says of itself, by "
-            "rays in every pixel; it agrees where its interval, widened by Cycles' noise, holds the error.",
+            f"One sample at pixel centres, {size[0]}x{size[1]}. Cycles: 2 x {samples} samples, each light "
+            "alone, no bounces, its noise taken off; as shares of a pixel's brightness and the mean's. "
+            "Beside it what the bake says of its method, by rays in some pixels.",
             table(header, rows),
         ]
     )

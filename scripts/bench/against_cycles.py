@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +19,7 @@ RAYS = 256
 class Comparison:
     """One light. `rmse` is weighted by the unshadowed light, Cycles' own noise taken off; `cycles_noise` is
     the noise of the mean of its two renders; `rays_rmse` how far Strata's own rays, from every pixel, are
-    from Cycles; `value` and `ci95` are the bake's own report, None without."""
+    from Cycles."""
 
     light: str
     rmse: float
@@ -29,16 +28,7 @@ class Comparison:
     bias: float
     p99: float
     largest: float
-    value: float | None
-    ci95: tuple[float, float] | None
     pixels: int
-
-    @property
-    def agrees(self) -> bool:
-        """Whether the report's interval, which is about rays, holds what Cycles says, after what tells rays
-        from Cycles and within Cycles' noise."""
-        low, high = (math.hypot(end, self.rays_rmse) for end in self.ci95)
-        return low - self.cycles_noise <= self.rmse <= high + self.cycles_noise
 
 
 @dataclass(frozen=True)
@@ -75,7 +65,7 @@ class CyclesTruth:
     def compare(self, baked: Baked, rays_rmse: float) -> Comparison:
         """The lamp's layer, baked at pixel centres."""
         layer = next(layer for layer in baked.layers.layers if layer.light == self.lamp)
-        errors, found = self.errors(layer.pixels), layer.error
+        errors = self.errors(layer.pixels)
         return Comparison(
             self.lamp,
             self.rmse(layer.pixels),
@@ -84,8 +74,6 @@ class CyclesTruth:
             weighted_bias(errors, self.weight),
             quantile(errors, self.weight, 0.99),
             maximum(errors, self.weight),
-            found.get("value"),
-            tuple(found["ci95"]) if found else None,
             int(self.lit.sum()),
         )
 
@@ -99,7 +87,7 @@ def compare_all(
         name: bake(
             scene,
             view_layer,
-            Options(effects=("soft_shadow",), backend="cpu", samples=1, values=values),
+            Options(effects=("soft_shadow",), backend="cpu", samples=1, probes=0, values=values),
             size=size,
         )
         for name, values in settings.items()

@@ -123,7 +123,7 @@ def tables(quick: bool) -> str:
         "bake, s",
         "of that measuring, s",
         "share",
-        "points a layer",
+        "pixels a layer",
         "time left, worst factor",
     ]
     return table(header, rows)

@@ -95,7 +95,7 @@ def run_volumetric(folder: Path, quick: bool) -> str:
     scene = scenes.open_sample("mist")
     lights = volumetric.prepared(scene, scene.view_layers[0])
     marched = volumetric.against_marching(lights[:1] if quick else lights)
-    raced = volumetric.against_cycles(scene, *(((96, 54), (4, 16)) if quick else ()))
+    raced = volumetric.against_cycles(scene, *(((96, 54), (4, 16), 64) if quick else ()))
     return f"{volumetric.open_integral()}\n\n{marched}\n\n{raced}"
 
 

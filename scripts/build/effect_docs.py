@@ -12,6 +12,7 @@ from strata.addon.core.params import Colour, ParamSpec, plain
 from strata.addon.core.ramp import Ramp
 from strata.addon.core.roles import Subject
 from strata.addon.effects.registry import EFFECTS
+from strata.addon.measure.verdict import off_by
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "effects"
 
@@ -69,7 +70,9 @@ def _table(head: list[str], rows) -> list[str]:
 
 def _layer_row(kind) -> list[str]:
     name = f"{kind.title} *light*" if kind.of is Subject.LAMP else kind.title
-    return [name, kind.channels, kind.of.value, kind.score.metric if kind.score else "not measured", kind.doc]
+    light = kind.of.value if kind.of is Subject.LAMP else ""
+    error = off_by(kind.score.metric, "a share", light) if kind.score else "not measured"
+    return [name, kind.channels, kind.of.value, error, kind.doc]
 
 
 def _parameter_row(spec: ParamSpec) -> list[str]:
