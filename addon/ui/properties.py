@@ -221,7 +221,7 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
         ),
         "probes": bpy.props.IntProperty(
             name="Error Probes",
-            description="Surface points that each layer's error is measured at; 0 measures nothing. "
+            description="Pixels that each layer's error is measured at; 0 measures nothing. "
             "Until it is set, at most 2048, and so few that measuring takes 15% of a bake",
             default=2048, min=0, max=1 << 20, soft_max=16384,
         ),
