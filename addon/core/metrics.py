@@ -12,6 +12,10 @@ NEGLIGIBLE_WEIGHT = 0.01
 """Quantiles look at pixels whose weight is above this share of the mean weight: what is nearly unlit may be
 wrong, but nobody sees it."""
 
+BRIGHTEST = 100.0
+"""Times the median: brighter pixels count as this in a mean brightness, so that one beside a lamp does not
+set what errors everywhere are shares of."""
+
 WRONG = 1.0 / 8.0
 """A pixel of a mask is wrong if it is off by more than this: eight of the 64 rays that it is compared with,
 twice the standard deviation of their mean even where they fall as they like."""
@@ -23,6 +27,15 @@ def _together(*arrays) -> list[np.ndarray]:
 
 def _sampling(sampling, like: np.ndarray) -> np.ndarray:
     return np.ones_like(like) if sampling is None else np.asarray(sampling, np.float64).reshape(-1)
+
+
+def mean_brightness(sizes) -> float:
+    """Mean of the sizes, none counted as more than BRIGHTEST times the median of those above 0; 0 if none
+    is."""
+    sizes = np.asarray(sizes, np.float64).reshape(-1)
+    if not (sizes > 0.0).any():
+        return 0.0
+    return float(np.minimum(sizes, BRIGHTEST * np.median(sizes[sizes > 0.0])).mean())
 
 
 def seen(weights, sampling=None) -> np.ndarray:

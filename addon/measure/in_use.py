@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..core.metrics import maximum, quantile
+from ..core.metrics import maximum, mean_brightness, quantile
 from ..core.params import Params
 from ..core.random import hash_bits, text_bits
 from ..core.working_space import luminance_of
@@ -31,13 +31,13 @@ BETWEEN_VIEWS = 8
 SCREENING_RAYS = 2
 """Of a pixel that is wholly lit or dark; more where there are few."""
 
-LOOKS = {Difficulty.EMPTY: 2, Difficulty.BETWEEN: 4, Difficulty.EDGE: 32, Difficulty.REST: 32}
+LOOKS = {Difficulty.EMPTY: 2, Difficulty.BETWEEN: 4, Difficulty.EDGE: 48, Difficulty.REST: 48}
 """Pixels screened for each probe, of strata of each kind together."""
 EXACT_LOOKS = 16
 """The same of a layer whose samples are anything between 0 and 1."""
 LIKELY = {Difficulty.EDGE: 4.0}
 """Strata with more errors than others are looked at more."""
-MOST_REPEATS = 8
+MOST_REPEATS = 32
 """Times the rays of one pixel, where there are few pixels."""
 ROUNDING = 9
 """Decimals beyond which white light has colours too."""
@@ -138,16 +138,13 @@ class _Measuring:
         looked = yield from seen(self.probed, self.truth, order, SCALE_VIEWS, 0, seed)
         light = np.nan_to_num(looked.multiplied).mean(axis=1)
         brightness, shown = self.scale.of(light), self.scale.shown(light)
-        is_lit = brightness > 0.0
-        if not is_lit.any():
-            return self.scale.with_means(0.0, 0.0)
-        mean, shown_mean = float(brightness[is_lit].mean()), float(shown[is_lit].mean())
+        mean, shown_mean = (mean_brightness(each[brightness > 0.0]) for each in (brightness, shown))
         if self.probed.weights is not None:
             weights = self.probed.weights.reshape(self.pixels, -1).mean(axis=1, dtype=np.float64)
             known = weights > NOTHING * weights.max(initial=0.0)
-            weighed = weights[order][known[order]]
-            if weighed.sum() > 0.0:
-                mean = float(weights[known].mean() * brightness[known[order]].sum() / weighed.sum())
+            weighed = mean_brightness(weights[order][known[order]])
+            if weighed > 0.0:
+                mean = mean_brightness(weights[known]) * mean_brightness(brightness[known[order]]) / weighed
         return self.scale.with_means(mean, shown_mean)
 
     def _screened(self, strata: list[Stratum]) -> Generator[None, None, list[Survey]]:

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..core.metrics import maximum, quantile
+from ..core.metrics import maximum, mean_brightness, quantile
 from ..core.params import Params
 from ..core.random import hash_bits, text_bits
 from ..core.view_rays import ViewRays
@@ -142,7 +142,10 @@ def _measured(probed: Probed, probes: int, along: Along, name: str, seed: int):
         halves = np.concatenate(estimates, axis=1)
         compared.append(Compared(stratum.population, flat[chosen], halves))
     bias = math.fsum(each.population * float(each.errors.mean()) for each in compared) / pixels
-    mean = abs(float(flat.mean()) - bias) or abs(float(flat.mean())) or 1.0
+    # The truth's mean: the layer's, which is known exactly, less its mean error; its own where that is black.
+    sizes, total = np.abs(flat).mean(axis=1), float(flat.mean())
+    capped = mean_brightness(sizes) / (float(sizes.mean()) or 1.0) or 1.0
+    mean = (capped * abs(total - bias)) or abs(total) or 1.0
     shares = [each.as_shares(mean) for each in compared]
     part = joined(sampled_part(each, max(float((each.values**2).mean()), UNSEEN)) for each in shares)
     value = root(part.total, pixels)

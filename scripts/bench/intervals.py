@@ -15,7 +15,7 @@ from functools import partial
 import bpy
 import numpy as np
 from strata.addon.bake import bake
-from strata.addon.core.metrics import WRONG
+from strata.addon.core.metrics import WRONG, mean_brightness
 from strata.addon.core.slices import finished
 from strata.addon.core.working_space import luminance_of
 from strata.addon.measure import measure as measuring
@@ -140,7 +140,7 @@ def _in_use(probed: Probed, score: InUseScore) -> float:
     lit = brightness > 0.0
     if not lit.any():
         return 0.0
-    scale = scale.with_means(float(brightness[lit].mean()), 1.0)
+    scale = scale.with_means(mean_brightness(brightness[lit]), 1.0)
     values = np.nan_to_num(probed.image.reshape(count, -1).astype(np.float64))
     found = deviations(values, looked, scale)
     return math.sqrt(max(float(found.squares.sum()), 0.0) / int(found.has_light.sum()))
@@ -162,7 +162,7 @@ def _light_error(probed: Probed, score: LightScore) -> float:
     first, last = _halves(probed, score.along(probed), LIGHT_VIEWS, 8)
     values = np.nan_to_num(probed.image.reshape(len(first), -1).astype(np.float64))
     truth = np.abs(0.5 * (first + last)).mean(axis=1, keepdims=True)
-    whole = truth + (truth.mean() or 1.0)
+    whole = truth + (mean_brightness(truth) or 1.0)
     return math.sqrt(max(float(((values - first) * (values - last) / whole**2).mean()), 0.0))
 
 

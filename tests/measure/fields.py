@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
+from strata.addon.core.metrics import mean_brightness
 from strata.addon.core.shot import PixelFilter
 from strata.addon.core.slices import finished
 from strata.addon.core.view_rays import ViewRays
@@ -77,7 +78,7 @@ class Field:
     def errors(self) -> np.ndarray:
         """(N,) as shares of the brightness, by the definition; 0 where there is nothing to multiply."""
         whole = self.mean(self.known_light) @ LUMINANCE
-        mean = whole[whole > 0.0].mean() if whole.any() else 1.0
+        mean = mean_brightness(whole[whole > 0.0]) or 1.0
         unknown = np.isnan(self.light).all(axis=(1, 2))
         light = np.where(unknown[:, None, None], mean, self.known_light)
         errors = self.values * self.mean(light) - self.mean(self.truths * light)

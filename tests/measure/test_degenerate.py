@@ -45,9 +45,9 @@ def test_a_layer_in_which_nothing_is_in_doubt(value):
     error = field_of([value] * 1000, [value], [1.0]).measured(4, 0)
     assert (error.value, error.bias, error.p99, error.max, error.probes) == (0.0, 0.0, 0.0, 0.0, 0)
     assert error.ci95[0] == 0.0
-    # 128 of the 1000 are screened: the rule of three for those, two-sided; half of a pixel as bright as the
+    # 192 of the 1000 are screened: the rule of three for those, two-sided; half of a pixel as bright as the
     # mean is the light's share.
-    assert error.ci95[1] ** 2 == pytest.approx(0.25 * 3.689 / 128 * (1.0 - 0.128), rel=0.01)
+    assert error.ci95[1] ** 2 == pytest.approx(0.25 * 3.689 / 192 * (1.0 - 0.192), rel=0.01)
 
 
 @settings(max_examples=100, deadline=None)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import numpy as np
+from strata.addon.core.metrics import mean_brightness
 
 
 def weighted_rmse(errors, weights) -> float:
@@ -26,7 +27,8 @@ def in_use_of_light(values, truths) -> float:
     """Of a layer (height, width, channels) that adds: root mean square of (value - truth) / (|truth| at the
     pixel + mean truth); where all of that is 0, of the values."""
     values, truths = np.asarray(values, np.float64), np.asarray(truths, np.float64)
-    whole = np.abs(truths).mean(axis=-1, keepdims=True) + (abs(truths.mean()) or 1.0)
+    sizes = np.abs(truths).mean(axis=-1, keepdims=True)
+    whole = sizes + (mean_brightness(sizes) or 1.0)
     return float(np.sqrt((((values - truths) / whole) ** 2).mean()))
 
 
