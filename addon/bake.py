@@ -71,6 +71,8 @@ class BakeJob:
         self._measuring: Measuring | None = None
         self.tiles: deque[tuple[int, np.ndarray]] | None = None
         self._warnings = [*warnings, *outline.warnings, *arrays.warnings]
+        if options.error_images and options.probes == 0:
+            self._warnings.append("error images: there are none, as nothing is measured (probes: 0)")
         self._read_seconds = read_seconds
         self._coarse_picture_seconds: list[float] = []  # by shot
         self._held = held_bytes()
@@ -164,7 +166,9 @@ class BakeJob:
             measurement = Measurement(options.probes, options.seed, cancelled)
             tree = ray_accelerator(outline, graph.shot)
             outlook = MeasuringOutlook(graph, outline, tree, options.probes)
-            self._measuring = Measuring(measurement, outlook, executor, outline, graph, before)
+            self._measuring = Measuring(
+                measurement, outlook, executor, outline, graph, before, options.error_images
+            )
             pixels = sampling.width * sampling.height
             execution.kept_pixels = pixels_to_keep(pixels, sampling.samples, options.seed)
         self._forecasts[: len(self._forecasts) - len(later)] = [self._forecast(graph, groups, execution)]
@@ -198,6 +202,7 @@ class BakeJob:
             coarse_picture_seconds=self._coarse_picture_seconds[number],
             memory=self.memory,
             warnings=[*self._warnings, *shortage, *execution.warnings],
+            error_images=self._measuring.images if self._measuring else {},
             sequence=self.sequence,
             missing=missing,
             has_picture=options.composite,

@@ -12,11 +12,13 @@ from .core.execution import Execution
 from .core.graph import Graph, Node
 from .core.layers import Layer, LayerSet
 from .core.memory import MemoryEstimate
+from .core.naming import error_name
 from .core.outline import Outline
 from .core.params import Params
 from .core.sequence import SequenceLayer
 from .devices.start import Devices
-from .measure.report import LayerError, NotMeasured, Report, StepTime, report_of
+from .measure.error_image import ErrorImage
+from .measure.report import LayerError, NotMeasured, Report, StepTime, report_of, rounded
 
 
 @dataclass(frozen=True)
@@ -48,11 +50,12 @@ def put_together(
     sequence: tuple[SequenceLayer, ...],
     missing: tuple[SequenceLayer, ...],
     has_picture: bool,
+    error_images: dict[str, ErrorImage],
 ) -> Baked:
-    """`chosen`: parameters by effect id; `chunks` is how often a surface was made, `errors` by layer;
-    `seconds` are of the whole bake and `coarse_picture_seconds` of its coarse picture. `missing`: what the
-    graph lacks of `sequence`, for which neutral layers stand. `has_picture`: there is a composite, also of
-    nothing."""
+    """`chosen`: parameters by effect id; `chunks` is how often a surface was made, `errors` by layer, as
+    `error_images` are; `seconds` are of the whole bake and `coarse_picture_seconds` of its coarse picture.
+    `missing`: what the graph lacks of `sequence`, for which neutral layers stand. `has_picture`: there is a
+    composite, also of nothing."""
     below, shot = _nodes_by_layer(graph), graph.shot
     own = _own_nodes(below)
     layers, costs = [], {}
@@ -91,7 +94,11 @@ def put_together(
         StepTime(timing.node.step.name, timing.node.instance, timing.device, timing.seconds)
         for timing in execution.timings.values()
     ]
-    steps.insert(0, StepTime("coarse_picture", "camera", devices.fallback.name, coarse_picture_seconds))
+    names = {layer.name for layer in layers}
+    error_names = {name: error_name(name, names) for name in error_images}
+    fallback = devices.fallback.name
+    steps += (StepTime("error_image", name, fallback, image.seconds) for name, image in error_images.items())
+    steps.insert(0, StepTime("coarse_picture", "camera", fallback, coarse_picture_seconds))
     report = report_of(
         outline=outline,
         graph=graph,
@@ -108,6 +115,7 @@ def put_together(
         warnings=warnings,
         neutral=missing,
         order=[layer.name for layer in layers],
+        error_images=error_names,
     )
     width, height = shot.size
     raster = shot.source
@@ -123,6 +131,16 @@ def put_together(
         raster.region,
         raster.frame_size if raster.region and raster.crop else None,
         outline.stamp,
+        tuple(
+            _error_layer(
+                error_names[layer.name],
+                layer,
+                error_images[layer.name],
+                raster.framed(error_images[layer.name].pixels),
+            )
+            for layer in layers
+            if layer.name in error_images
+        ),
     )
     pictures = {
         layer.of.index if layer.of.is_lamp else None: shot.source.framed(execution.images[layer.name])
@@ -133,6 +151,20 @@ def put_together(
     if picture is None and has_picture and sequence:
         picture = np.broadcast_to(np.float32(0.0), (height, width, 4))  # as other frames have one
     return Baked(layer_set, report, pictures, picture)
+
+
+def _error_layer(name: str, layer: Layer, image: ErrorImage, pixels: np.ndarray) -> Layer:
+    """As the file has it: `pixels` are the image's in the frame."""
+    fewest, mean = image.rays
+    told = {
+        "strata:error_of": layer.name,
+        "strata:metric": image.metric,
+        "strata:noise": rounded(image.noise),
+        "strata:fewest_rays": float(fewest),
+        "strata:mean_rays": rounded(mean),
+        "strata:seconds": rounded(image.seconds),
+    }
+    return Layer(name, "V", pixels, effect="", attributes=told)
 
 
 def _nodes_by_layer(graph: Graph) -> dict[str, tuple[Node, ...]]:

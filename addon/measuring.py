@@ -17,7 +17,8 @@ from .core.sampling import jitters
 from .core.slices import timed
 from .devices.cpu import CpuRays
 from .effects.shared.steps import ray_accelerator
-from .measure.budget import MeasuringOutlook, allowed_seconds
+from .measure.budget import ImagesOutlook, MeasuringOutlook, allowed_seconds
+from .measure.error_image import ErrorImage
 from .measure.footprint import KeptSamples, Probed
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured
@@ -27,7 +28,8 @@ REFERENCES_READ = ("position", "geometric_normal", "shading_normal", "depth", "m
 
 class Measuring:
     """Of one bake's layers, group by group. `executor` makes them, and what rays need; `graph` is the whole;
-    `seconds_before` were spent on the bake before `executor` began."""
+    `seconds_before` were spent on the bake before `executor` began; `has_images`: it makes error images too,
+    `images` by the names of their layers."""
 
     def __init__(
         self,
@@ -37,8 +39,13 @@ class Measuring:
         outline: Outline,
         graph: Graph,
         seconds_before: float,
+        has_images: bool = False,
     ):
         self.measurement, self.outlook = measurement, outlook
+        width, height = graph.shot.computed_size
+        self._pixels = width * height * has_images
+        self._images = ImagesOutlook(graph, self._pixels)
+        self.images: dict[str, ErrorImage] = {}
         self._executor, self._outline, self._graph = executor, outline, graph
         self._seconds_before = seconds_before
         self._rays: CpuRays | NotMeasured | None = None
@@ -58,20 +65,25 @@ class Measuring:
         execution, errors = self._executor.execution, {}
         for number, layer in enumerate(layers, start=1):
             allowed = self._allowed_seconds() / (len(layers) - number + 1)
-            work = self._measured(self._probed(layer), allowed)
+            probed = self._probed(layer)
+            work = self._measured(probed, allowed)
             work = self.outlook.watched(timed(self.measurement.guarded(work)))
             error, seconds = yield from work
             self.seconds += seconds
             if isinstance(error, LayerError):
                 error = replace(error, seconds=error.seconds + self._rays_seconds)
             errors[layer.name] = error
+            if self._pixels:
+                yield from self._make_image(probed, isinstance(error, LayerError))
             execution.samples_of.pop(layer.name, None)
         return errors
 
     def seconds_left(self, bake_seconds: float, slower: float) -> float:
         """Where the bake takes so many seconds, with what has been measured so far, on a machine that is so
         many times as slow as an ordinary one."""
-        return self.outlook.seconds_left(bake_seconds - self.seconds, slower)
+        left = self._images.seconds_left(slower)
+        without = bake_seconds - self.seconds - self._images.seconds - left
+        return self.outlook.seconds_left(without, slower) + left
 
     def _allowed_seconds(self) -> float:
         """What measuring may still take of what has been baked so far."""
@@ -81,6 +93,25 @@ class Measuring:
     def _measured(self, probed: Probed, allowed: float) -> Generator[None, None, LayerError | NotMeasured]:
         work = self.measurement.measure(probed, allowed, self.outlook.expect)
         return (yield from unless_cancelled(work, self._executor.fallback.cancel_flag))
+
+    def _make_image(self, probed: Probed, is_measured: bool) -> Generator[None]:
+        """Of a layer that could be measured; what fails is told."""
+        layer, done, execution = probed.layer, 0, self._executor.execution
+
+        def show(pixels: int) -> None:
+            nonlocal done
+            done += pixels
+            self._images.show(layer, pixels)
+
+        if is_measured:
+            work = self.measurement.guarded(self.measurement.error_image(probed, show))
+            work = unless_cancelled(work, self._executor.fallback.cancel_flag)
+            image = yield from self._images.watched(work)
+            if isinstance(image, ErrorImage):
+                self.images[layer.name] = image
+            else:
+                execution.warnings.append(f"layer '{layer.name}' has no error image: {image.why}")
+        self._images.show(layer, self._pixels - done)
 
     def _probed(self, layer: PlannedLayer) -> Probed:
         execution, shot = self._executor.execution, self._graph.shot

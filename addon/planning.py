@@ -33,8 +33,9 @@ class Options:
     may take beside what Blender has, 0: half of what is free, or less where more is of no use; `providers`:
     the effect to take a role from, where several offer it and a lamp asks for none; `keeps_unused` also makes
     their layers that the picture does not take; `weight`: what samples of layers that multiply
-    weigh (Weight); `rgb_layers`: lamps' shadows are in colour, each channel weighed by itself; `registry`:
-    the effects that there are."""
+    weigh (Weight); `rgb_layers`: lamps' shadows are in colour, each channel weighed by itself;
+    `error_images`: each measured layer gets an image of its error too; `registry`: the effects that there
+    are."""
 
     effects: tuple[str, ...] | None = None
     backend: str = "auto"
@@ -50,6 +51,7 @@ class Options:
     keeps_unused: bool = False
     weight: str = Weight.RADIANCE.value
     rgb_layers: bool = False
+    error_images: bool = False
     registry: Registry = EFFECTS
 
     def __post_init__(self):
@@ -152,4 +154,5 @@ def groups_of(
     room, budget = None if options.memory_bytes else ROOM_BYTES, _budget_bytes(options)
     if options.memory_bytes:  # of what is free, layers that are there take no part
         budget = max(budget - layers_before, 0)
-    return in_groups(graph, outline, sampling_of(graph, options), budget, held + layers_before, room)
+    sampling, has_images = sampling_of(graph, options), options.error_images and options.probes != 0
+    return in_groups(graph, outline, sampling, budget, held + layers_before, room, has_images)

@@ -125,6 +125,8 @@ def build_parser(needs_scene: bool) -> Parser:
                       help="of samples, where layers multiply (default: the scene's)")  # fmt: skip
     bake.add_argument("--probes", type=whole_number(0, 1 << 20), metavar="N",
                       help="to measure the error at (default: the scene's, or 15%% of the time)")  # fmt: skip
+    bake.add_argument("--error-images", action="store_true", default=None,
+                      help="beside each measured layer how far it is off at each pixel; slow")  # fmt: skip
     bake.add_argument(
         "--seed", type=whole_number(0, 0xFFFFFFFF), default=0, metavar="N", help="of the random numbers"
     )

@@ -224,7 +224,7 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     from ..addon.planning import Options
     from ..addon.ui.properties import exr_of, options_of
 
-    plain = ("effects", "backend", "samples", "weight", "rgb_layers", "probes", "seed")
+    plain = ("effects", "backend", "samples", "weight", "rgb_layers", "probes", "error_images", "seed")
     given = {name: getattr(arguments, name) for name in plain}
     given |= {"values": nested(arguments.set), "memory_bytes": arguments.memory}
     # What can be wrong is found before a large file is opened, and long before the work is done.

@@ -105,6 +105,8 @@ def room_warning(path: Path, job: BakeJob, exr: ExrParams) -> str:
     """What is to be said before a bake whose file may not fit onto the disk; empty where it surely fits."""
     width, height = job.graph.shot.size
     channels = sum(len(layer.channels) for layer in job.graph.layers if layer.effect) + 4 * exr.composite
+    if job.options.error_images:
+        channels += sum(layer.kind.score is not None for layer in job.graph.layers)
     most, free = 4 * width * height * channels, free_on_disk(path)
     if most <= free:
         return ""

@@ -23,7 +23,8 @@ class Layer:
     `of`: the lamp that it is of, or what else; `light` is that lamp's own name. `error` is the report's entry
     for this layer, `settings` the effect's parameters as plain values, `weight` what its samples weighed
     (PlannedLayer.weighed_by).
-    `view_layer` is where it belongs, empty for the set's.
+    `view_layer` is where it belongs, empty for the set's; `attributes`: what the file says of an image that
+    is of no effect.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Layer:
     settings: dict[str, Any] = field(default_factory=dict)
     view_layer: str = ""
     weight: str = "none"
+    attributes: dict[str, str | float] = field(default_factory=dict)
 
     def __post_init__(self):
         depth = () if len(self.channels) == 1 else (len(self.channels),)
@@ -69,7 +71,8 @@ class LayerSet:
     what `--report` writes; `pixel_aspect` is a pixel's width over its height. `region`: x0, y0, x1, y1 in
     pixels from the frame's bottom left, the part of it that was computed, None for all of it; `frame_size`
     is the whole frame's where the layers show only the region, None where they show the frame. `stamp`: what
-    Blender says in the header of a render."""
+    Blender says in the header of a render. `error_images`: how far layers are off, for whoever wants to look:
+    nothing of the picture."""
 
     layers: tuple[Layer, ...]
     width: int
@@ -81,6 +84,12 @@ class LayerSet:
     region: tuple[int, int, int, int] | None = None
     frame_size: tuple[int, int] | None = None
     stamp: dict[str, str] = field(default_factory=dict)
+    error_images: tuple[Layer, ...] = ()
+
+    @property
+    def images(self) -> tuple[Layer, ...]:
+        """All that there is to keep."""
+        return (*self.layers, *self.error_images)
 
     @property
     def is_cropped(self) -> bool:
@@ -88,6 +97,6 @@ class LayerSet:
         return self.frame_size is not None
 
     def __post_init__(self):
-        for layer in self.layers:
+        for layer in self.images:
             if layer.pixels.shape[:2] != (self.height, self.width):
                 raise ValueError(f"layer '{layer.name}' is not {self.width} x {self.height}")

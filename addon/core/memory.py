@@ -89,14 +89,23 @@ def size_of(count: int) -> str:
 
 
 def in_groups(
-    graph: Graph, outline: Outline, sampling: Sampling, budget: int, held: int = 0, room: int | None = None
+    graph: Graph,
+    outline: Outline,
+    sampling: Sampling,
+    budget: int,
+    held: int = 0,
+    room: int | None = None,
+    has_error_images: bool = False,
 ) -> tuple[tuple[Graph, ...], MemoryEstimate]:
     """The graph's layers in graphs that are to run one after the other, each with as many layers as fit into
     `budget` bytes beside the finished layers and what all share, and at least one; and what that takes. Of
     a layer that is a sum (Step.sum) each has a part, under the layer's name. `room`: a group's bytes are no
-    more than this either. The layers of a lamp are beside each other."""
+    more than this either. The layers of a lamp are beside each other. `has_error_images`: each measured layer
+    has an image of its error besides."""
     sizes = _Sizes(graph, outline, sampling)
     layers = sum(map(sizes.image, graph.layers))
+    if has_error_images:
+        layers += sizes.plane * sum(layer.kind.score is not None for layer in graph.layers)
     free = budget - layers - sizes.shared
     free = free if room is None else min(free, room)
     groups: list[_Group] = []
@@ -247,7 +256,12 @@ class _Sizes:
         return self._maps[node]
 
     def image(self, layer: PlannedLayer) -> int:
-        return self._sampling.width * self._sampling.height * NUMBER_BYTES * len(layer.channels)
+        return self.plane * len(layer.channels)
+
+    @property
+    def plane(self) -> int:
+        """Of an image of one channel."""
+        return self._sampling.width * self._sampling.height * NUMBER_BYTES
 
     def tiles(self, unit: _Unit) -> int:
         """Of what passes by at the surface, and of a sum of weights that no other group adds to."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 MOST_NAMED = 3  # of things that are told of together
 MOST_FRAMES_NAMED = 10
@@ -12,6 +12,7 @@ ENGINE_ID = "STRATA"  # of the render engine, in Blender's lists and files
 LONGEST = 63  # bytes of UTF-8; Blender cuts there
 LONGEST_TITLE = 18  # bytes, of a kind of layer that each lamp has
 LONGEST_LAMP = LONGEST - LONGEST_TITLE - 1
+ERROR = "Error"
 HASH_DIGITS = 8  # a street of thousands of lamps that begin alike has one clash in some hundreds of files
 
 
@@ -32,10 +33,10 @@ def is_short(safe: str) -> bool:
     return len(safe.encode()) <= LONGEST_LAMP
 
 
-def hashed(safe: str, key: str) -> str:
-    """A lamp's pass name of at most LONGEST_LAMP bytes: as much of `safe` as fits, and a hash of `key`."""
+def hashed(safe: str, key: str, longest: int = LONGEST_LAMP) -> str:
+    """As much of `safe` as fits into `longest` bytes, those of a lamp's pass name, and a hash of `key`."""
     digest = hashlib.blake2b(key.encode(errors="backslashreplace")).hexdigest()[:HASH_DIGITS]
-    head = safe.encode()[: LONGEST_LAMP - HASH_DIGITS - 1].decode(errors="ignore").rstrip()
+    head = safe.encode()[: longest - HASH_DIGITS - 1].decode(errors="ignore").rstrip()
     return f"{head} {digest}".strip()
 
 
@@ -43,6 +44,14 @@ def lamp_pass_name(name: str, key: str) -> str:
     """Of a lamp that no other is mistaken for."""
     safe = pass_safe(name)
     return safe if is_short(safe) else hashed(safe, key)
+
+
+def error_name(layer: str, layers: Collection[str]) -> str:
+    """Of the error image of a layer, which is no name of `layers`: a lamp may be called `Key Error`."""
+    name = f"{layer} {ERROR}"
+    if len(name.encode()) <= LONGEST and name not in layers:
+        return name
+    return f"{hashed(layer, layer, LONGEST - len(ERROR) - 1)} {ERROR}"
 
 
 def named_some(names: Sequence[str]) -> str:

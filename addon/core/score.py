@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from typing import Any, Protocol
 
 from .params import Params
@@ -13,15 +13,19 @@ class Score(Protocol):
     that is added (LightScore) and of masks (MaskScore).
 
     `metric`: what its figure is called in reports; `probe_seconds`: what a probe takes on an ordinary
-    machine, for the time left.
+    machine, for the time left, and `pixel_seconds` a pixel of an error image.
     """
 
     metric: str
     probe_seconds: float
+    pixel_seconds: float
 
     def measure(self, probed: Any, probes: int, seed: int) -> Generator[None, None, Any]:
         """A LayerError (measure/report.py), from about `probes` pixels of a layer (`Probed` in
         measure/footprint.py). Yields between slices of some hundredths of a second."""
+
+    def error_image(self, probed: Any, seed: int, show: Callable[[int], None]) -> Generator[None, None, Any]:
+        """An ErrorImage (measure/error_image.py); `show` is told of pixels as they are done. Yields alike."""
 
     def rms(self, value: float) -> float:
         """What an error of `value` amounts to as a root mean square difference, a share of the brightness."""

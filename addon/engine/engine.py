@@ -89,7 +89,8 @@ class StrataRenderEngine(bpy.types.RenderEngine):
 
     def _rendered(self, depsgraph) -> tuple[BakeJob, Baked]:
         self.update_stats("", "Strata: Reading the scene")
-        options = options_of(depsgraph.scene_eval, composite=True)
+        # Passes are known before there is a plan, and none is of an error.
+        options = options_of(depsgraph.scene_eval, composite=True, error_images=False)
         *read, seconds = read_depsgraph(depsgraph, options)
         devices = start_devices(options.backend)
         try:

@@ -172,7 +172,14 @@ def _has_shadow(found: Iterable[_Scaling]) -> dict[str, bool]:
 
 def _others(header: ExrHeader, view_layer: bpy.types.ViewLayer, scaling: Iterable[_Scaling]) -> set[str]:
     """Layers that scale no lamp."""
-    return header.passes.get(view_layer.name, set()) - {"Combined"} - {each.name for each in scaling}
+    there = header.passes.get(view_layer.name, set()) - {"Combined"} - _error_images(header)
+    return there - {each.name for each in scaling}
+
+
+def _error_images(header: ExrHeader) -> set[str]:
+    """Names of what only tells how far layers are off."""
+    entries = header.json("strata:report").get("layers", ())
+    return {entry["error_image"] for entry in entries if "error_image" in entry}
 
 
 def _idle(header: ExrHeader, registry: Registry) -> set[str]:

@@ -50,7 +50,7 @@ def write_layers(
     `composite`, (height, width, 4) float32, comes first where `params` want it. Raises StrataError where the
     file cannot be written, ValueError where there is nothing to write (OpenEXR has no file of no parts).
     """
-    layers = list(layer_set.layers)
+    layers = list(layer_set.images)
     if params.composite and composite is not None:
         layers.insert(0, Layer(COMPOSITE, "RGBA", composite, effect=""))
     if not layers:
@@ -77,7 +77,7 @@ def write_layers(
 def layer_attributes(layer: Layer) -> dict[str, str | float]:
     """What the file says of a layer."""
     if not layer.effect:
-        return {}
+        return layer.attributes
     return {
         "strata:effect": layer.effect,
         "strata:light": layer.light,

@@ -28,7 +28,7 @@ MARK = "strata"
 
 def packed(layer_set: LayerSet) -> tuple[bytes, ...]:
     """Each layer as the OpenEXR that its image keeps, in order. On any thread."""
-    return tuple(_packed(layer, layer_set.pixel_aspect) for layer in layer_set.layers)
+    return tuple(_packed(layer, layer_set.pixel_aspect) for layer in layer_set.images)
 
 
 def fill_images(scene: str, layer_set: LayerSet, files: Iterable[bytes]) -> list[bpy.types.Image]:
@@ -38,7 +38,7 @@ def fill_images(scene: str, layer_set: LayerSet, files: Iterable[bytes]) -> list
     An image without our mark is somebody else's, whatever it is called: it is left alone, and Blender adds a
     number to the name of ours. Data layers are Non-Color; colour is in the scene's working space.
     """
-    return [_filled(scene, layer_set, *each) for each in zip(layer_set.layers, files, strict=True)]
+    return [_filled(scene, layer_set, *each) for each in zip(layer_set.images, files, strict=True)]
 
 
 def image_of(scene: str, view_layer: str, layer: str) -> bpy.types.Image | None:

@@ -92,6 +92,37 @@ class MeasuringOutlook:
         return max(min(each * DEFAULT_PROBES, USED_SHARE * allowed), each * sum(PILOTS[:2]))
 
 
+class ImagesOutlook:
+    """How long error images will take, of so many pixels for each of the graph's measured layers."""
+
+    def __init__(self, graph: Graph, pixels: int):
+        scores = (layer.kind.score for layer in graph.layers)
+        self._ordinary = sum(pixels * score.pixel_seconds for score in scores if score is not None)
+        self._done, self.seconds = 0.0, 0.0  # seconds on an ordinary machine of what is done, and those spent
+
+    def show(self, layer: PlannedLayer, pixels: int) -> None:
+        """So many more pixels of a layer's image are done, or will not be made."""
+        self._done += pixels * layer.kind.score.pixel_seconds
+
+    def watched[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
+        """The making of one, counted."""
+        while True:
+            started = time.perf_counter()
+            try:
+                next(work)
+            except StopIteration as end:
+                return end.value
+            finally:
+                self.seconds += time.perf_counter() - started
+            yield
+
+    def seconds_left(self, slower: float) -> float:
+        """On a machine that is so many times as slow as an ordinary one, once some are made as it was with
+        those."""
+        slower = self.seconds / self._done if self._done else slower
+        return max(self._ordinary - self._done, 0.0) * slower
+
+
 def _still_to_run(number: int, affordable: float, most: int) -> tuple[int, int]:
     """Probes of all runs after a pilot, where there is time for so many, and of the last of them."""
     more, last = 0, PILOTS[number]

@@ -16,6 +16,7 @@ from ..core.params import Params
 from ..core.random import hash_bits, text_bits
 from ..core.working_space import luminance_of
 from .deviation import Deviations, Scale, deviations, joined_deviations
+from .error_image import ErrorImage, error_image
 from .footprint import Probed, Truth, seen
 from .interval import joined, limits
 from .kept_samples import method_error
@@ -43,6 +44,8 @@ ROUNDING = 9
 """Decimals beyond which white light has colours too."""
 SCALE_PIXELS, SCALE_VIEWS = 1024, 4
 """Looked at for the mean brightness."""
+IMAGE_VIEWS = 8, 24
+"""Of a pixel of an error image: view rays of each half, and how many more where the halves disagree."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +61,21 @@ class InUseScore:
     is_binary: bool = False
     reference_name: str = "ray traced"
     probe_seconds: float = 5e-4
+    pixel_seconds: float = 2e-4
     metric: ClassVar[str] = "in use"
 
     def measure(self, probed: Probed, probes: int, seed: int) -> Generator[None, None, LayerError]:
+        return self._measuring(probed, probes, seed).run(self.reference_name)
+
+    def error_image(
+        self, probed: Probed, seed: int, show: Callable[[int], None]
+    ) -> Generator[None, None, ErrorImage]:
+        return self._measuring(probed, 0, seed).image(show)
+
+    def _measuring(self, probed: Probed, probes: int, seed: int) -> _Measuring:
         told = probed.layer, probed.layers, probed.casters
         truth = partial(self.truth, probed.rays, probed.outline, *told)
-        return _Measuring(probed, truth, self.is_binary, probes, seed).run(self.reference_name)
+        return _Measuring(probed, truth, self.is_binary, probes, seed)
 
     def rms(self, value: float) -> float:
         return value
@@ -122,6 +134,15 @@ class _Measuring:
             display=math.sqrt(max(mean(all_of.display[:, 0] * all_of.display[:, 1]), 0.0)),
             **told,
         )
+
+    def image(self, show: Callable[[int], None]) -> Generator[None, None, ErrorImage]:
+        self.scale = yield from self._found_scale()
+
+        def halves(pixels: np.ndarray, views: int, seed: int) -> Generator[None, None, np.ndarray]:
+            return (yield from self._told(pixels, views, SAMPLES, seed, 2)).errors
+
+        size = self.probed.image.shape[:2]
+        return (yield from error_image(halves, size, IMAGE_VIEWS, self.seed, show))
 
     def _codes(self) -> np.ndarray:
         return scaling_codes(self.probed.image, self.probed.weights, self.is_binary)

@@ -14,6 +14,7 @@ from ..core.metrics import maximum, mean_brightness, quantile
 from ..core.params import Params
 from ..core.random import hash_bits, text_bits
 from ..core.view_rays import ViewRays
+from .error_image import ErrorImage, error_image
 from .estimate import Compared, sampled_part
 from .footprint import Probed
 from .interval import joined, limits
@@ -21,9 +22,13 @@ from .report import LayerError
 from .strata import Difficulty, Stratum, finite, image_codes, strata_of
 from .survey import shared_looks
 
-PIXELS_AT_ONCE = 32
+RAYS_AT_ONCE = 32
 VIEWS = {Difficulty.EDGE: 8, Difficulty.REST: 1}
 """View rays of each half of a pixel."""
+IMAGE_VIEWS = 1, 7
+"""The same of an error image, and how many more where the halves disagree."""
+SCALE_PIXELS = 256
+"""Looked at for the mean brightness of an error image."""
 
 CHANGING = 4.0  # how much more likely errors are where the layer's values change nearby
 UNSEEN = 0.25
@@ -53,6 +58,7 @@ class ImageScore:
     reference_name: str = ""
     looks: int = 1
     probe_seconds: float = 2e-3
+    pixel_seconds: float = 2e-3
 
     def along(self, probed: Probed) -> Along:
         """The reference, for this layer."""
@@ -73,6 +79,24 @@ class LightScore(ImageScore):
 
     def measure(self, probed: Probed, probes: int, seed: int) -> Generator[None, None, LayerError]:
         return _measured(probed, probes * self.looks, self.along(probed), self.reference_name, seed)
+
+    def error_image(
+        self, probed: Probed, seed: int, show: Callable[[int], None]
+    ) -> Generator[None, None, ErrorImage]:
+        size, along = probed.image.shape[:2], self.along(probed)
+        flat = finite(probed.image.reshape(size[0] * size[1], -1))
+        generator = np.random.Generator(np.random.PCG64(seed))
+        looked = generator.permutation(len(flat))[:SCALE_PIXELS]
+        truth = yield from halves_of(probed, along, looked, 1, int(hash_bits(seed, 1)), RAYS_AT_ONCE)
+        bias = float((flat[looked] - truth.mean(axis=0)).mean())
+        mean = abs(float(flat.mean()) - bias) or abs(float(flat.mean())) or 1.0
+
+        def halves(pixels: np.ndarray, views: int, seed: int) -> Generator[None, None, np.ndarray]:
+            truth = yield from halves_of(probed, along, pixels, views, seed, RAYS_AT_ONCE)
+            shares = Compared(len(pixels), flat[pixels], truth).as_shares(mean)
+            return (shares.values - shares.estimates).swapaxes(0, 1) / math.sqrt(flat.shape[1])
+
+        return (yield from error_image(halves, size, IMAGE_VIEWS, seed, show))
 
     def rms(self, value: float) -> float:
         return value
@@ -128,18 +152,9 @@ def _measured(probed: Probed, probes: int, along: Along, name: str, seed: int):
         looks = shared_looks(probes, populations, populations, wishes, again=len(first) > 1)
     compared = []
     for number, (stratum, (count, again)) in enumerate(zip(strata, looks, strict=True)):
-        chosen, estimates = np.sort(stratum.chosen(count)), []
+        chosen, own = np.sort(stratum.chosen(count)), int(hash_bits(seed, number))
         views = VIEWS[stratum.difficulty] * again
-        step = max(PIXELS_AT_ONCE // views, 1)
-        for start in range(0, count, step):
-            part, halves = chosen[start : start + step], []
-            for half in range(2):
-                own = int(hash_bits(seed, number, start, half))
-                told = along(probed.look(part, views, own), int(hash_bits(own, 1)))
-                halves.append(told.mean(axis=0).reshape(len(part), views, -1).mean(axis=1))
-            estimates.append(np.array(halves))
-            yield
-        halves = np.concatenate(estimates, axis=1)
+        halves = yield from halves_of(probed, along, chosen, views, own, RAYS_AT_ONCE)
         compared.append(Compared(stratum.population, flat[chosen], halves))
     bias = math.fsum(each.population * float(each.errors.mean()) for each in compared) / pixels
     # The truth's mean: the layer's, which is known exactly, less its mean error; its own where that is black.
@@ -167,6 +182,22 @@ def _measured(probed: Probed, probes: int, along: Along, name: str, seed: int):
         method=method,
         sampling=None if method is None else math.sqrt(max(value**2 - method**2, 0.0)),
     )
+
+
+def halves_of(
+    probed: Probed, along: Along, pixels: np.ndarray, views: int, seed: int, rays_at_once: int
+) -> Generator[None, None, np.ndarray]:
+    """(2, P, channels): the truth of `pixels`, twice, by `views` rays each. Yields after as many rays."""
+    step, found = max(rays_at_once // views, 1), []
+    for start in range(0, len(pixels), step):
+        part, halves = pixels[start : start + step], []
+        for half in range(2):
+            own = int(hash_bits(seed, start, half))
+            told = along(probed.look(part, views, own), int(hash_bits(own, 1)))
+            halves.append(told.mean(axis=0).reshape(len(part), views, -1).mean(axis=1))
+            yield
+        found.append(np.array(halves))
+    return np.concatenate(found, axis=1)
 
 
 def _method(probed: Probed, pixels: int, along: Along, mean: float, seed: int):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,17 +12,20 @@ import numpy as np
 from ..core.metrics import WRONG, maximum, quantile
 from ..core.params import Params
 from ..core.random import hash_bits
+from .error_image import ErrorImage, error_image
 from .estimate import Compared, sampled_part
 from .footprint import Probed
 from .interval import joined, limits
-from .light import ImageScore, image_strata, pooled, root
+from .light import ImageScore, halves_of, image_strata, pooled, root
 from .report import LayerError
 from .strata import Difficulty, finite
 from .survey import allot
 
-PIXELS_AT_ONCE = 32
+RAYS_AT_ONCE = 1024
 SUPERSAMPLES = 64
 """View rays of a pixel, half of them for each of two independent estimates."""
+IMAGE_VIEWS = 8, 24
+"""Of each half of a pixel of an error image, and how many more where the halves disagree."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,7 @@ class MaskScore(ImageScore):
     finished image."""
 
     probe_seconds: float = 4e-3
+    pixel_seconds: float = 1e-4
     metric: ClassVar[str] = "share of wrong pixels"
 
     def measure(self, probed: Probed, probes: int, seed: int) -> Generator[None, None, LayerError]:
@@ -49,18 +53,23 @@ class MaskScore(ImageScore):
         counts = allot(probes * self.looks, populations, wishes)
         compared = []
         for number, (stratum, count) in enumerate(zip(strata, counts, strict=True)):
-            chosen, halves = np.sort(stratum.chosen(count)), []
-            for index, start in enumerate(range(0, count, PIXELS_AT_ONCE)):
-                part, coverage = chosen[start : start + PIXELS_AT_ONCE], []
-                for half in range(2):
-                    own = int(hash_bits(seed, number, index, half))
-                    told = along(probed.look(part, SUPERSAMPLES // 2, own), int(hash_bits(own, 1)))
-                    told = told.mean(axis=0).reshape(len(part), SUPERSAMPLES // 2, -1)
-                    coverage.append(told.mean(axis=1))
-                    yield
-                halves.append(np.array(coverage))
-            compared.append(Compared(stratum.population, flat[chosen], np.concatenate(halves, axis=1)))
+            chosen, own = np.sort(stratum.chosen(count)), int(hash_bits(seed, number))
+            halves = yield from halves_of(probed, along, chosen, SUPERSAMPLES // 2, own, RAYS_AT_ONCE)
+            compared.append(Compared(stratum.population, flat[chosen], halves))
         return _error(compared, pixels, self.reference_name)
+
+    def error_image(
+        self, probed: Probed, seed: int, show: Callable[[int], None]
+    ) -> Generator[None, None, ErrorImage]:
+        """Of absolute differences, of several channels the largest."""
+        size, along = probed.image.shape[:2], self.along(probed)
+        flat = finite(probed.image.reshape(size[0] * size[1], -1))
+
+        def halves(pixels: np.ndarray, views: int, seed: int) -> Generator[None, None, np.ndarray]:
+            truth = yield from halves_of(probed, along, pixels, views, seed, RAYS_AT_ONCE)
+            return (flat[pixels] - truth).swapaxes(0, 1)
+
+        return (yield from error_image(halves, size, IMAGE_VIEWS, seed, show, "absolute difference", np.inf))
 
     def rms(self, value: float) -> float:
         """As if each wrong pixel were off by just what makes it wrong."""

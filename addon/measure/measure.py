@@ -10,6 +10,7 @@ from ..core.errors import Cancelled, one_line
 from ..core.random import hash_bits, text_bits
 from ..core.slices import timed
 from .budget import DEFAULT_PROBES, within
+from .error_image import ErrorImage
 from .footprint import Probed
 from .report import LayerError, NotMeasured
 
@@ -60,3 +61,10 @@ class Measurement:
             (error, probes), seconds = yield from timed(work)
             error = replace(error, probes_in_time=probes)
         return replace(error, seconds=seconds)
+
+    def error_image(self, probed: Probed, show: Callable[[int], None]) -> Generator[None, None, ErrorImage]:
+        """How far one finished layer is off at each pixel; yields alike. `show` is told of pixels done."""
+        layer = probed.layer
+        seed = int(hash_bits(self.seed, text_bits(layer.name), 1))
+        image, seconds = yield from timed(layer.kind.score.error_image(probed, seed, show))
+        return replace(image, seconds=seconds)

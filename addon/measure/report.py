@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -100,7 +101,8 @@ class LayerReport:
     error is to be seen (verdict.py), empty for others; `lowered_by`: settings that lower it, where it may be
     seen; `words`: what a person is told of it, if anything; `joins`: not so where the picture takes the same
     from another effect; `role`: what it is to the picture (core/roles.py), and `pass_name` that of the lamp
-    that it is of, which the compositor's nodes are built from."""
+    that it is of, which the compositor's nodes are built from; `error_image`: the name of that
+    beside it, empty where there is none."""
 
     name: str
     effect: str
@@ -116,6 +118,7 @@ class LayerReport:
     joins: bool = True
     role: str = ""
     pass_name: str = ""
+    error_image: str = ""
 
     def to_json(self) -> dict[str, Any]:
         plain = {key: rounded(item) if isinstance(item, float) else item for key, item in vars(self).items()}
@@ -127,6 +130,8 @@ class LayerReport:
             del plain["neutral"]
         if self.joins:
             del plain["joins"]
+        if not self.error_image:
+            del plain["error_image"]
         del plain["verdict"], plain["lowered_by"], plain["words"]
         if self.verdict:
             plain |= {"verdict": self.verdict, "lowered_by": list(self.lowered_by)}
@@ -194,11 +199,12 @@ def report_of(
     memory: MemoryEstimate | None = None,
     neutral: Iterable[SequenceLayer] = (),
     order: Sequence[str] = (),
+    error_images: Mapping[str, str] = MappingProxyType({}),
 ) -> Report:
     """Puts a bake's figures together. By layer name: `images`, `costs` (seconds, seconds alone), `errors` of
     the layers that were to be measured. `neutral` are layers
     that the sequence has and the graph does not make; `order` are the names of all as the file has them,
-    which need not be the graph's."""
+    which need not be the graph's; `error_images` are names of those, by layer."""
     layers = [
         LayerReport(
             layer.name,
@@ -210,6 +216,7 @@ def report_of(
             joins=layer.joins,
             role=layer.role.value,
             pass_name=layer.pass_name,
+            error_image=error_images.get(layer.name, ""),
             **_judged(layer, errors.get(layer.name), outline),
         )
         for layer in graph.layers

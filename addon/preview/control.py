@@ -107,7 +107,9 @@ def state_of(region: bpy.types.Region) -> Statistics | None:
 
 def preview_options(scene: bpy.types.Scene) -> Options:
     """The bake's, without measuring, and with the preview's own samples where it has any."""
-    return options_of(scene, composite=True, probes=0, samples=scene.strata.preview.samples or None)
+    return options_of(
+        scene, composite=True, probes=0, error_images=False, samples=scene.strata.preview.samples or None
+    )
 
 
 def layers_of(scene: bpy.types.Scene) -> tuple[str, ...]:

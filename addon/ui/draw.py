@@ -109,8 +109,10 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
     settings = context.scene.strata
     column = layout.column()
     column.active = not STATE.is_baking
-    for name in ("backend", "samples", "weight", "rgb_layers", "probes", "memory_gb"):
-        column.prop(settings, name)
+    for name in ("backend", "samples", "weight", "rgb_layers", "probes", "error_images", "memory_gb"):
+        row = column.row()
+        row.active = name != "error_images" or settings.probes > 0
+        row.prop(settings, name)
     column.separator()
     column.prop(settings, "save_to")
     if settings.save_to != "IMAGES":

@@ -54,6 +54,7 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
         "rgb_layers": settings.rgb_layers,
         # Only a number that somebody set is kept whatever it takes.
         "probes": settings.probes if settings.is_property_set("probes") else None,
+        "error_images": settings.error_images,
         "memory_bytes": round(settings.memory_gb * 1e9),
         # What somebody names is what they get, also where the picture has it from another effect.
         "keeps_unused": overrides.get("effects") is not None,
@@ -224,6 +225,12 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
             description="Pixels that each layer's error is measured at; 0 measures nothing. "
             "Until it is set, at most 2048, and so few that measuring takes 15% of a bake",
             default=2048, min=0, max=1 << 20, soft_max=16384,
+        ),
+        "error_images": bpy.props.BoolProperty(
+            name="Error Images",
+            description="Beside each measured layer a bake makes an image of how far it is off at each "
+            "pixel, as a share of the brightness there. Rays at every pixel: often slower than the bake",
+            default=False,
         ),
         "memory_gb": bpy.props.FloatProperty(
             name="Memory (GB)",

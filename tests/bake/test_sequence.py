@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 import OpenEXR
 import pytest
+from strata.addon.layers.exr_header import header_of
 from strata.addon.scene.changing import may_change
 from strata.addon.scene.open import open_blend
 from strata.addon.sequence import coarse_to_fine
@@ -57,6 +58,18 @@ def baked(scene, tmp_path, *words):
     for path in tmp_path.glob("o_*"):
         path.unlink()
     return result, found
+
+
+def test_every_frame_has_images_of_its_errors_and_neutral_layers_have_none(scene, tmp_path):
+    keyed(lamp("Torch").data, "energy", f1=100.0, f3=0.0, f4=100.0)
+    blend = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True)
+    words = ("--frames", "1,3", *QUICK, "--probes", "8", "--error-images")
+    strata("bake", blend, "-o", tmp_path / "o_##.exr", *words)
+    found = [header_of(tmp_path / f"o_{frame:02}.exr") for frame in (1, 3)]
+    first, third = ({name for names in header.passes.values() for name in names} for header in found)
+    assert first - third == {"Soft Shadow Torch Error"}
+    assert third == {"Soft Shadow Key", "Soft Shadow Torch", "Soft Shadow Key Error"}
 
 
 def test_all_files_have_the_same_layers_neutral_where_a_frame_needs_none(scene, tmp_path):

@@ -268,7 +268,7 @@ def test_a_layer_of_finished_images_is_measured_too():
 class LargestValue:
     """A score of another kind: how far the largest pixel is above 1."""
 
-    metric, probe_seconds = "largest value", 1e-6
+    metric, probe_seconds, pixel_seconds = "largest value", 1e-6, 0.0
 
     def measure(self, probed, probes, seed):
         yield

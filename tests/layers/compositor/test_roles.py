@@ -7,6 +7,7 @@ from strata.addon.bake import bake
 from strata.addon.core.roles import Role
 from strata.addon.layers.compositor import build
 from strata.addon.layers.exr import write_layers
+from strata.addon.layers.exr_header import header_of
 from strata.addon.planning import Options
 from strata.tests.layers.compositor.scene import COMBINED, GROUP, SIZE, composited, lamps
 from strata.tests.support.tiny_effects import GOBO, HALF_SHADOW, gobo, registry
@@ -17,7 +18,7 @@ ALL = registry(GOBO, HALF_SHADOW, gobo("Soft"), gobo("Smoke", Role.TRANSMITTANCE
 def baked(scene, tmp_path, *effects: str, **options):
     """Layers of each lamp by its name, and what was built of them."""
     path = tmp_path / "roles.exr"
-    how = Options(effects, "cpu", probes=0, registry=ALL, **{"samples": 1} | options)
+    how = Options(effects, "cpu", **{"samples": 1, "probes": 0, "registry": ALL} | options)
     layers = bake(scene, scene.view_layers[0], how, size=SIZE).layers
     write_layers(path, layers)
     made = build(scene, {scene.view_layers[0]: path}, False, False, registry=ALL)
@@ -79,5 +80,19 @@ def test_of_two_shadows_of_a_lamp_one_is_joined(scene, tmp_path):
     assert all(name.startswith("Half Shadow ") for name in made.others)
     assert made.others
     masks = [found["soft_shadow"] for found in of_lamps.values() if "soft_shadow" in found]
+    expected = np.broadcast_to(COMBINED + GROUP * sum(mask - 1.0 for mask in masks), (SIZE[1], SIZE[0], 3))
+    np.testing.assert_allclose(composited(scene, tmp_path)[:, :, :3], expected, atol=1e-6)
+
+
+def test_images_of_errors_have_no_part_in_it(scene, tmp_path):
+    made, of_lamps = baked(scene, tmp_path, "soft_shadow", probes=16, error_images=True)
+    report = header_of(tmp_path / "roles.exr").json("strata:report")
+    names = {layer["error_image"] for layer in report["layers"]}
+    there = header_of(tmp_path / "roles.exr").passes[scene.view_layers[0].name]
+    assert len(names) == len(of_lamps)
+    assert names < there
+    assert set(made.joined) == there - names
+    assert not made.others
+    masks = [found["soft_shadow"] for found in of_lamps.values()]
     expected = np.broadcast_to(COMBINED + GROUP * sum(mask - 1.0 for mask in masks), (SIZE[1], SIZE[0], 3))
     np.testing.assert_allclose(composited(scene, tmp_path)[:, :, :3], expected, atol=1e-6)
