@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import blf
+import numpy as np
 
 from ..measure.verdict import Verdict, advice, percent, verdict
+from . import noise_map
 from .viewport import Statistics
 
 FONT = 0
@@ -32,6 +34,20 @@ def lines(statistics: Statistics) -> list[str]:
     if statistics.noise is not None:
         found.append(_told_noise(statistics))
     return found
+
+
+def legend(statistics: Statistics) -> list[tuple[str, tuple[float, ...]]]:
+    """Of a noise map: words and their colours, to be written beside each other."""
+    if statistics.message:
+        return []
+    if not statistics.has_spread:
+        why = "this is no mean of samples" if statistics.samples > 1 else "it takes 2 samples of each pixel"
+        return [(f"no noise map: {why}", COLOUR)]
+    shades = noise_map.colours(np.array(noise_map.MARKS)).tolist()
+    marks = zip(noise_map.MARKS, shades, strict=True)
+    return [("noise of each pixel: ", COLOUR)] + [
+        each for mark, shade in marks for each in (("\u25a0 ", shade), (f"{100.0 * mark:g}%   ", COLOUR))
+    ]
 
 
 def _told_noise(statistics: Statistics) -> str:
@@ -99,9 +115,15 @@ def draw(statistics: Statistics, context) -> None:
     blf.size(FONT, points * scale)
     blf.enable(FONT, blf.SHADOW)
     blf.shadow(FONT, 3, *SHADOW)
-    blf.color(FONT, *COLOUR)
-    for text in lines(statistics):
+    rows = [[(text, COLOUR)] for text in lines(statistics)]
+    if context.scene.strata.preview.shows_noise:
+        rows.append(legend(statistics))
+    for row in rows:
         y -= LINE * points * scale
-        blf.position(FONT, x, y, 0.0)
-        blf.draw(FONT, text)
+        right = x
+        for text, colour in row:
+            blf.color(FONT, *colour)
+            blf.position(FONT, right, y, 0.0)
+            blf.draw(FONT, text)
+            right += blf.dimensions(FONT, text)[0]
     blf.disable(FONT, blf.SHADOW)

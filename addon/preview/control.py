@@ -187,7 +187,7 @@ def _picture(context, region, space, region_3d, viewport: Viewport):
     is_new = viewport.show(session, placement, options, settings.layer, budget_ms, settings.longest_s)
     if not is_new and _works_in_draw(session) and viewport.has_work and viewport.wait() == 0.0:
         _advance(scene, region.as_pointer())
-    return viewport.picture
+    return viewport.shown(settings.shows_noise)
 
 
 def _works_in_draw(session: Session) -> bool:

@@ -41,9 +41,33 @@ def sampling_noise(mean: np.ndarray, squares: np.ndarray, samples: int, of_sampl
         return resolution_noise(mean)
     step = max(1, int(np.sqrt(mean.shape[0] * mean.shape[1] / MOST_PIXELS)))
     mean, squares = mean[::step, ::step], squares[::step, ::step]
+    return _share(_wrong(mean, squares, samples, of_samples), _luminance(mean))
+
+
+def noise_shares(mean: np.ndarray, squares: np.ndarray, samples: int, of_samples: int) -> np.ndarray:
+    """(height, width): the same of each pixel, of which there are at least 2 samples. Few samples may agree
+    by chance: squared noise is the mean of that of 3 by 3 pixels."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        wrong = _around(_wrong(mean, squares, samples, of_samples))
+        brightness = np.abs(_luminance(mean))
+        usable = brightness[np.isfinite(brightness)]
+        typical = float(usable.mean(dtype=np.float64)) if usable.size else 0.0
+        return np.sqrt(wrong) / np.maximum(brightness, max(typical, 1e-30))
+
+
+def _wrong(mean: np.ndarray, squares: np.ndarray, samples: int, of_samples: int) -> np.ndarray:
+    """Squared noise of each pixel's luminance."""
     spread = np.maximum(squares - mean * mean, 0.0) * (samples / (samples - 1.0))
-    wrong = spread * (1.0 / samples - 1.0 / of_samples + WELL_SPREAD**2 / of_samples)
-    return _share(_luminance(wrong), _luminance(mean))
+    return _luminance(spread * (1.0 / samples - 1.0 / of_samples + WELL_SPREAD**2 / of_samples))
+
+
+def _around(image: np.ndarray) -> np.ndarray:
+    """The mean over 3 by 3 pixels; a border's pixels stand for those beyond it."""
+    for axis in (0, 1):
+        padded = np.pad(image, [(1, 1) if each == axis else (0, 0) for each in (0, 1)], mode="edge")
+        length = image.shape[axis]
+        image = sum(padded.take(range(first, first + length), axis) for first in range(3)) / np.float32(3.0)
+    return image
 
 
 def _luminance(picture: np.ndarray) -> np.ndarray:

@@ -19,8 +19,9 @@ from ..core.sampling import Sampling
 from ..core.surface import Chunk
 from ..planning import Options
 from ..scene.viewport import Placement
+from . import noise_map
 from .budget import Budget
-from .estimate import resolution_noise, sampling_noise
+from .estimate import noise_shares, resolution_noise, sampling_noise
 from .session import Session
 
 STILL_SECONDS = 0.2
@@ -38,7 +39,8 @@ class Statistics:
     step and instance, of the last frame, or of the refinement so far. `ran`: how many nodes that were.
     `noise`: estimated distance to a picture of any number of samples, as a share of its brightness
     (`estimate.py`); `is_out_of_time`: it is not refined any further; `message` stands for a picture where
-    there is none, and `has_failed` says that it ought to be there; `layers` names what could be shown."""
+    there is none, and `has_failed` says that it ought to be there; `layers` names what could be shown;
+    `has_spread`: there are samples enough for a map of their noise."""
 
     frame_ms: float = 0.0
     scale: float = 1.0
@@ -53,6 +55,7 @@ class Statistics:
     message: str = ""
     has_failed: bool = False
     layers: tuple[str, ...] = ()
+    has_spread: bool = False
 
 
 @dataclass(eq=False)
@@ -91,6 +94,8 @@ class Viewport:
         self.budget = Budget()
         self.statistics = Statistics()
         self.picture: Picture | None = None
+        self._spread: tuple[Film, int, int] | None = None  # what it was made of, samples, and of how many
+        self._noise_map: Picture | None = None
         self.failed_at: Any = None  # what was asked for when it failed, for whoever asks
         self._asked: tuple | None = None
         self._changed_at = 0.0
@@ -155,15 +160,30 @@ class Viewport:
         self.statistics = Statistics(message=line, has_failed=True)
         self.failed_at = asked
 
+    def shown(self, shows_noise: bool) -> Picture | None:
+        """The picture, or the map of its noise where its samples tell."""
+        if not shows_noise or self._spread is None:
+            return self.picture
+        if self._noise_map is None:
+            film, samples, of_samples = self._spread
+            shares = noise_shares(film.image(), film.squares(), samples, of_samples)
+            place = self.picture.place
+            self._noise_map = Picture(noise_map.colours(shares), place, is_colour=False)
+        return self._noise_map
+
+    def _put(self, picture: Picture | None, spread: tuple[Film, int, int] | None = None) -> None:
+        self.picture, self._spread, self._noise_map = picture, spread, None
+
     def release(self) -> None:
-        self.picture = self._work = self._asked = self.failed_at = None
+        self._put(None)
+        self._work = self._asked = self.failed_at = None
 
     def _frame(self, session, placement: Placement, options: Options, name: str, budget_ms: float) -> None:
         """The picture at once, at the budget's scale."""
         started = time.perf_counter()
         prepared = self._moving(session, placement, options, name)
         if prepared is None:
-            self.picture = None
+            self._put(None)
             self.statistics = Statistics(
                 message=f"no layer '{name}'" if name else "nothing is in view", layers=self._layers
             )
@@ -176,7 +196,7 @@ class Viewport:
         execution = executor.execution
         session.want(id(self), graph, *([self._refined_graph] if self._refined_graph else []))
         scale, map_share = self.budget.scale, self.budget.map_share
-        self.picture = Picture(value, placement.place(*placement.sizes(scale)), _is_colour(layer))
+        self._put(Picture(value, placement.place(*placement.sizes(scale)), _is_colour(layer)))
         self._count(execution, started)
         statistics = self.statistics
         statistics.scale, statistics.map_share = scale, map_share
@@ -251,10 +271,14 @@ class Viewport:
                 shown = time.perf_counter()
                 for _ in executor.develop(graph, takes, execution):
                     yield
-                self.picture = Picture(execution.image(layer.name), place, _is_colour(layer))
+                film = execution.films.get(layer.name)
+                has_spread = samples > 1 and film is not None and film.reduce == Reduce.MEAN
+                picture = Picture(execution.image(layer.name), place, _is_colour(layer))
+                self._put(picture, (film, samples, options.samples) if has_spread else None)
                 self._count(execution, started)
+                self.statistics.has_spread = has_spread
                 self.statistics.samples, self.statistics.of_samples = samples, options.samples
-                self.statistics.noise = _noise(execution.films.get(layer.name), samples, options.samples)
+                self.statistics.noise = _noise(film, samples, options.samples)
                 self.statistics.is_converged = samples == options.samples
                 if is_late and samples < options.samples:
                     self.statistics.is_out_of_time = True

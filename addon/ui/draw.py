@@ -55,6 +55,7 @@ def preview_switch(layout: bpy.types.UILayout, context) -> None:
     row.enabled = not reason
     row.operator("strata.preview", icon="HIDE_OFF" if is_on else "HIDE_ON", depress=is_on)
     row.menu("STRATA_MT_preview_layer", text=scene.strata.preview.layer or COMPOSITE)
+    row.prop(scene.strata.preview, "shows_noise", text="", icon="SEQ_HISTOGRAM")
     if reason:
         column = layout.column()
         column.active = False

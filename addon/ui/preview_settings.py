@@ -46,6 +46,12 @@ class StrataPreviewSettings(bpy.types.PropertyGroup):
         max=1e5,
         soft_max=250.0,
     )
+    shows_noise: bpy.props.BoolProperty(
+        name="Noise Map",
+        description="Shows in place of the picture how uncertain each of its pixels still is, as a share "
+        "of its brightness: the noise of its samples. How far a layer is off besides, only a bake measures",
+        default=False,
+    )
     on_opening: bpy.props.BoolProperty(
         name="On Opening",
         description="The preview is switched on when this file is opened",

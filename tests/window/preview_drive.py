@@ -135,6 +135,7 @@ def person(found):
     pixels = yield from SCREEN.photograph(region)
     save("preview.png", pixels)
     viewport = control._state.viewports[region.as_pointer()]
+    assert viewport.picture, viewport.statistics.message
     # Outside the frame everything is as without the preview; inside it is the bake, as Blender would save it.
     place = viewport.picture.place
     left, bottom, right, top = (round(edge) for edge in place)
@@ -166,6 +167,20 @@ def person(found):
     found["smooth"] = float(smooth.mean())
     found["brightness"] = [float(difference.mean()), float(np.quantile(difference, 0.95))]
     found["pixel"] = (place[2] - place[0]) / width
+
+    # The map of the noise is on screen in the very colours that it has.
+    settings.preview.shows_noise = settings.preview.show_statistics = True
+    yield 1.0
+    yield from settled(preview, region)
+    pixels = yield from SCREEN.photograph(region)
+    save("noise_map.png", pixels)
+    there = viewport.shown(True).pixels[chosen][..., :3]
+    inside = on_screen(pixels[bottom:top, left:right])[..., :3]
+    found["noise map"] = float(np.quantile(np.abs(blocks(inside) - blocks(there)), 0.95))
+    found["noise map colours"] = len(np.unique(np.round(there * 255).reshape(-1, 3), axis=0))
+    settings.preview.shows_noise = settings.preview.show_statistics = False
+    yield 1.0
+    yield from settled(preview, region)
 
     light = next(thing for thing in scene.objects if thing.type == "LIGHT")
     found["idle"] = yield from edited(preview, region, lambda: None)

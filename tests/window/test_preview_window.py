@@ -34,6 +34,8 @@ def check_preview(gpu_backend, backend, source, screen, tmp_path):
     mean, most = found["brightness"]
     assert mean < 2 / 255
     assert most < 6 / 255
+    assert found["noise map"] < 2 / 255
+    assert found["noise map colours"] > 20
     maps = {"layered_depth": 1, "soft_shadow/prepare": 1}
     lit = {"soft_shadow/backproject": 1, "soft_shadow/visibility": 1, "composite": 1}
     assert found["idle"] == {}
