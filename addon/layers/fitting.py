@@ -135,7 +135,7 @@ def _media(scene: bpy.types.Scene) -> list[str]:
         if not thing.hide_render and (thing.type == "VOLUME" or any(map(is_medium, _materials(thing))))
     ]
     has_world = world is not None and any(volume_of(world.node_tree, ""))
-    return [f"world '{world.name}'"] * has_world + found
+    return [f"world '{world.name}'", *found] if has_world else found
 
 
 def _materials(thing: bpy.types.Object) -> list[bpy.types.Material]:
