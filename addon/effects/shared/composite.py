@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from ...core.culling import around, receivers_in_view
 from ...core.effect import LayerKind
 from ...core.graph import Node, PlannedLayer
-from ...core.outline import Outline
+from ...core.outline import Light, Outline
 from ...core.recorder import Recorder
 from ...core.roles import PRODUCT, THE_IMAGE, Of, Role
 from . import lit
@@ -43,9 +43,11 @@ def _joining(recorder: Recorder) -> list[PlannedLayer]:
     return [layer for layer in recorder.layers if layer.joins]
 
 
-def _surfaces(recorder: Recorder, outline: Outline) -> _Joined | None:
+def _surfaces(
+    recorder: Recorder, outline: Outline, brightness: Callable[[Light], tuple] = lit.brightness
+) -> _Joined | None:
     """What comes from surfaces: every light that shines on what is in view, those without a layer unshadowed,
-    emission and what adds to it; None where nothing is in view."""
+    emission and what adds to it; None where nothing is in view. `brightness`: what lights count as."""
     seen, receivers = receivers_in_view(outline, recorder.shot)
     if not len(receivers):
         return None
@@ -60,7 +62,7 @@ def _surfaces(recorder: Recorder, outline: Outline) -> _Joined | None:
                 joined.add(Join.ADD, node)
         elif lit.shines(light, visible, region):
             factors = [layer.node for role in PRODUCT for layer in own if layer.role is role]
-            details = (lit.brightness(light), len(factors))
+            details = (brightness(light), len(factors))
             joined.add(Join.LIGHT, lit.irradiance(recorder, points, light), *factors, details=details)
     if (emission := lit.emission(recorder, outline, points, visible)) is not None:
         joined.add(Join.ADD, emission)
@@ -84,8 +86,9 @@ def _before_the_eye(recorder: Recorder) -> list[PlannedLayer]:
 
 def behind(recorder: Recorder, outline: Outline, layer: PlannedLayer, colour: Node) -> Node | None:
     """The picture that a layer of the eye's transmittance multiplies, on surfaces of a colour; None where
-    nothing is in view."""
-    joined = _surfaces(recorder, outline)
+    nothing is in view. A negative light counts like any other: what weighs cannot be negative, and lights
+    that cancel each other would leave nothing to weigh by."""
+    joined = _surfaces(recorder, outline, lit.magnitude)
     if joined is None:
         return None
     for earlier in _before_the_eye(recorder):

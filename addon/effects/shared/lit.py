@@ -117,6 +117,11 @@ def brightness(light: Light) -> tuple[float, float, float]:
     return light.radiance if emitter_measure(light.emitter) > 0.0 else light.intensity
 
 
+def magnitude(light: Light) -> tuple[float, float, float]:
+    """The same of a light that is not negative."""
+    return tuple(abs(channel) for channel in brightness(light))
+
+
 def shines(light: Light, visible: frozenset[int], region: np.ndarray) -> bool:
     """Whether any of the instances `visible` may get light of it; `region` (2, 3) is the box around them."""
     return not light.is_dark and unlit_reason(light, visible, region) is None

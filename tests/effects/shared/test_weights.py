@@ -186,8 +186,10 @@ def test_a_transmittance_times_the_picture_behind_it_is_the_picture(backend):
     assert not [warning for warning in found.report.warnings if "failed on gpu" in warning]
 
 
-def test_groups_of_lamps_make_the_same_layers():
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_groups_of_lamps_make_the_same_layers(sign):
     scene = foggy_scene(3)
+    bpy.data.lights["Lamp 1"].energy *= sign
     options = {"effects": FOGGY, "values": {"volumetric_light": FOG}}
     whole, parts = (made(scene, memory_bytes=size, **options) for size in (0, 1))
     assert (whole.report.memory.groups, parts.report.memory.groups > 2) == (1, True)
