@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -80,7 +81,10 @@ def behind(
     rays: RayCaster, outline: Outline, layers: Sequence[PlannedLayer], view_rays: ViewRays, seed: int
 ) -> np.ndarray:
     """(N, 3) radiance of the surfaces in sight, with their shadows by a ray from each lamp; not a number
-    where there is none, since what shines there is not known."""
+    where there is none, since what shines there is not known. Metals are as bright as the composite has
+    them."""
+    plain = tuple(replace(each, metallic=0.0) for each in outline.materials)
+    outline = replace(outline, materials=plain)
     hit = np.isfinite(view_rays.distances)
     picture = np.where(hit, 0.0, np.nan)[:, None] * np.ones(3)
     for index, light in enumerate(outline.lights):

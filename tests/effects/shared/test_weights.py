@@ -197,6 +197,18 @@ def test_groups_of_lamps_make_the_same_layers(sign):
         assert np.allclose(layers_of(parts)[name], image, rtol=2e-6, atol=1e-7), name
 
 
+def test_fog_before_metal_is_measured_like_fog_before_plaster():
+    errors = []
+    for metallic in (0.0, 1.0):
+        scene = foggy_scene()
+        for each in bpy.data.materials:
+            each.node_tree.nodes["Principled BSDF"].inputs["Metallic"].default_value = metallic
+        layers = made(scene, probes=64, effects=FOGGY, values={"volumetric_light": FOG}).report.layers
+        errors.append(next(layer.error.value for layer in layers if layer.name == "Transmittance"))
+    assert errors[0] > 0.001
+    assert errors[1] == pytest.approx(errors[0], rel=1e-3)
+
+
 def test_errors_are_measured_once_in_whatever_groups():
     options = {"effects": FOGGY, "values": {"volumetric_light": FOG}}
     whole, parts = (made(foggy_scene(3), probes=64, memory_bytes=size, **options) for size in (0, 1))
