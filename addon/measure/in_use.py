@@ -154,18 +154,20 @@ class _Measuring:
     def _found_scale(self) -> Generator[None, None, Scale]:
         """The mean light: what rays find at some pixels, as a factor of what the layer's samples weighed if
         they did, whose mean is known."""
-        order = np.random.Generator(np.random.PCG64(self.seed)).permutation(self.pixels)[:SCALE_PIXELS]
-        seed = int(hash_bits(self.seed, 1))
+        known, seed = np.ones(self.pixels, bool), int(hash_bits(self.seed, 1))
+        if self.probed.weights is not None:
+            weights = self.probed.weights.reshape(self.pixels, -1).mean(axis=1, dtype=np.float64)
+            known = weights > NOTHING * weights.max(initial=0.0)
+        generator = np.random.Generator(np.random.PCG64(self.seed))
+        order = generator.permutation(np.flatnonzero(known))[:SCALE_PIXELS]
         looked = yield from seen(self.probed, self.truth, order, SCALE_VIEWS, 0, seed)
         light = np.nan_to_num(looked.multiplied).mean(axis=1)
         brightness, shown = self.scale.of(light), self.scale.shown(light)
         mean, shown_mean = (mean_brightness(each[brightness > 0.0]) for each in (brightness, shown))
         if self.probed.weights is not None:
-            weights = self.probed.weights.reshape(self.pixels, -1).mean(axis=1, dtype=np.float64)
-            known = weights > NOTHING * weights.max(initial=0.0)
-            weighed = mean_brightness(weights[order][known[order]])
+            weighed = mean_brightness(weights[order])
             if weighed > 0.0:
-                mean = mean_brightness(weights[known]) * mean_brightness(brightness[known[order]]) / weighed
+                mean = mean_brightness(weights[known]) * mean_brightness(brightness) / weighed
         return self.scale.with_means(mean, shown_mean)
 
     def _screened(self, strata: list[Stratum]) -> Generator[None, None, list[Survey]]:

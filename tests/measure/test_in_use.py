@@ -103,3 +103,14 @@ def test_a_pixel_far_brighter_than_the_rest_does_not_rule_the_error():
     assert abs(spoilt.error**2 - bright.error**2) <= 1.0 / spoilt.lit.sum()
     assert measured(bright).value == pytest.approx(bright.error, rel=0.05)
     assert measured(spoilt).value ** 2 == pytest.approx(spoilt.error**2, rel=0.1)
+
+
+def test_the_mean_light_of_a_lamp_that_lights_next_to_nothing_is_found():
+    count = 100_000
+    is_lit = np.arange(count) % 4000 == 7
+    light = np.zeros((count, 2, 3))
+    light[is_lit] = 1.0
+    values = np.where(is_lit, 0.8, 1.0)[:, None]
+    field = Field(values, np.ones((count, 2, 1)), light, np.ones(count))
+    for seed in range(8):
+        assert field.measured(256, seed).value == pytest.approx(0.1, rel=0.01)
