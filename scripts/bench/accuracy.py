@@ -8,7 +8,16 @@ python -m strata.scripts.bench.accuracy --quick  tiny settings, printed, not wri
 from __future__ import annotations
 
 from strata.scripts import demo
-from strata.scripts.bench import against_cycles, airlight, close_casters, in_use, plates, toon_errors, units
+from strata.scripts.bench import (
+    against_cycles,
+    airlight,
+    close_casters,
+    in_use,
+    intervals,
+    plates,
+    toon_errors,
+    units,
+)
 from strata.scripts.bench.document import ROOT, rmse, table, write_block
 from strata.scripts.bench.scenes import open_sample
 from strata.scripts.bench.sections import read_sections
@@ -153,7 +162,13 @@ def close(quick: bool) -> str:
     )
 
 
+def random_scenes(quick: bool) -> str:
+    """Reported intervals against the errors of all pixels."""
+    return intervals.section(2 if quick else intervals.SCENES)
+
+
 SECTIONS = {
+    "intervals": random_scenes,
     "courtyard": courtyard,
     "plates": closed_forms,
     "close": close,
