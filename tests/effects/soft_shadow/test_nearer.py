@@ -8,6 +8,9 @@ from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.effects.soft_shadow import sun_views
 from strata.addon.effects.soft_shadow.views import light_views
 from strata.addon.planning import Options
+from strata.scripts.bench.methods import accelerator_of, surface_of, traced
+from strata.scripts.bench.scenes import read
+from strata.tests.support.figures import weighted_rmse
 
 DOWN = Emitter(
     EmitterKind.DISTANT_DISK,
@@ -82,9 +85,14 @@ def fence():
 
 
 def error(scene, backend: str, **values) -> float:
-    options = Options(("soft_shadow",), backend, samples=1, probes=2048, values={"soft_shadow": values})
+    """RMSE at the pixels' centres against rays from the points that the rasteriser sees there, weighted by
+    the light that would arrive."""
+    options = Options(("soft_shadow",), backend, samples=1, probes=0, values={"soft_shadow": values})
     (layer,) = bake(scene, scene.view_layers[0], options).layers.layers
-    return layer.error["value"]
+    case = read(scene)
+    surface, _ = surface_of(case)
+    truth, weight = traced(case, accelerator_of(case), surface, 256, seed=1)
+    return weighted_rmse(layer.pixels.ravel() - truth, weight)
 
 
 def test_slats_near_the_eye_keep_their_shape_before_a_town(fence, backend, monkeypatch):

@@ -224,11 +224,10 @@ def test_measured_error_with_casters(kind, bounded):
     layer = next(layer for layer in result.layers.layers if layer.light)
     assert np.isfinite(layer.pixels).all()
     error = layer.error
-    # The bound of 0.02, or what the reference's own noise still allows.
-    assert error["ci95"][0] < 0.02
-    assert abs(error["bias"]) < 0.02
+    # Of the method: one sample a pixel is aliased besides.
+    assert error["method"] < 0.02
     transmittance = next(layer for layer in result.layers.layers if not layer.light)
-    assert transmittance.error["value"] < 1e-6
+    assert transmittance.error["method"] < 1e-6
 
 
 def test_points_of_a_light_are_as_bright_as_the_light():

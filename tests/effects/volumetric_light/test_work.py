@@ -40,8 +40,8 @@ def test_beside_a_spots_cone_there_is_little_to_do():
     node = Node(steps.AIRLIGHT, "", (), {"counts": (1, 1), "source": spot, "view": ahead})
     turned = replace(spot, axis=(0.0, 0.0, 1.0))
     whole, beside = (
-        steps.AIRLIGHT.work_of(Node(steps.AIRLIGHT, "", (), node.params | {"source": source}))
+        steps.AIRLIGHT.work_of(Node(steps.AIRLIGHT, "", (), node.params | {"source": source}), None)
         for source in (replace(spot, kind=SourceKind.UNIFORM), turned)
     )
     assert whole == 2.0
-    assert beside < steps.AIRLIGHT.work_of(node) < whole
+    assert beside < steps.AIRLIGHT.work_of(node, None) < whole
