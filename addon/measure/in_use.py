@@ -22,17 +22,23 @@ from .interval import joined, limits
 from .kept_samples import method_error
 from .light import by_cause
 from .report import LayerError
-from .strata import NOTHING, Difficulty, Stratum, finite, scaling_codes, strata_of
+from .strata import NOTHING, Difficulty, Stratum, finite, nearby, scaling_codes, strata_of
 from .survey import BinarySurvey, EmptySurvey, GroupedSurvey, Screened, Survey, allot
 
 VIEWS, SAMPLES = 16, 2
 """Of a probe: view rays of each half, and of each view ray rays of each estimate."""
 BETWEEN_VIEWS = 8
-"""Of a pixel that is partly lit, for the screening."""
+"""Of a pixel that is partly lit or may be partly there, for the screening."""
 SCREENING_RAYS = 2
 """Of a pixel that is wholly lit or dark; more where there are few."""
 
-LOOKS = {Difficulty.EMPTY: 2, Difficulty.BETWEEN: 4, Difficulty.EDGE: 48, Difficulty.REST: 48}
+LOOKS = {
+    Difficulty.EMPTY: 2,
+    Difficulty.FRINGE: 2,
+    Difficulty.BETWEEN: 4,
+    Difficulty.EDGE: 48,
+    Difficulty.REST: 48,
+}
 """Pixels screened for each probe, of strata of each kind together."""
 EXACT_LOOKS = 16
 """The same of a layer whose samples are anything between 0 and 1."""
@@ -42,7 +48,7 @@ MOST_REPEATS = 32
 """Times the rays of one pixel, where there are few pixels."""
 ROUNDING = 9
 """Decimals beyond which white light has colours too."""
-SCALE_PIXELS, SCALE_VIEWS = 1024, 4
+SCALE_PIXELS, SCALE_VIEWS = 1024, 8
 """Looked at for the mean brightness."""
 IMAGE_VIEWS = 8, 24
 """Of a pixel of an error image: view rays of each half, and how many more where the halves disagree."""
@@ -154,27 +160,33 @@ class _Measuring:
     def _found_scale(self) -> Generator[None, None, Scale]:
         """The mean light: what rays find at some pixels, as a factor of what the layer's samples weighed if
         they did, whose mean is known."""
-        known, seed = np.ones(self.pixels, bool), int(hash_bits(self.seed, 1))
+        near, seed = np.ones(self.pixels, bool), int(hash_bits(self.seed, 1))
         if self.probed.weights is not None:
             weights = self.probed.weights.reshape(self.pixels, -1).mean(axis=1, dtype=np.float64)
             known = weights > NOTHING * weights.max(initial=0.0)
+            weights[~known] = 0.0
+            near = nearby(known.reshape(self.probed.image.shape[:2])).reshape(-1)
         generator = np.random.Generator(np.random.PCG64(self.seed))
-        order = generator.permutation(np.flatnonzero(known))[:SCALE_PIXELS]
+        order = generator.permutation(np.flatnonzero(near))[:SCALE_PIXELS]
         looked = yield from seen(self.probed, self.truth, order, SCALE_VIEWS, 0, seed)
         light = np.nan_to_num(looked.multiplied).mean(axis=1)
         brightness, shown = self.scale.of(light), self.scale.shown(light)
-        mean, shown_mean = (mean_brightness(each[brightness > 0.0]) for each in (brightness, shown))
-        if self.probed.weights is not None:
+        is_lit = brightness > 0.0
+        mean, shown_mean = (mean_brightness(each[is_lit]) for each in (brightness, shown))
+        if self.probed.weights is not None and is_lit.any():
             weighed = mean_brightness(weights[order])
             if weighed > 0.0:
-                mean = mean_brightness(weights[known]) * mean_brightness(brightness) / weighed
+                # Samples may have missed what rays find in some pixels, but not on the whole.
+                found = mean_brightness(brightness) / float(is_lit.mean())
+                mean = mean_brightness(weights[near]) * found / weighed
         return self.scale.with_means(mean, shown_mean)
 
     def _screened(self, strata: list[Stratum]) -> Generator[None, None, list[Survey]]:
         """Shares the screening out so that a bad pixel that is missed costs the same in every stratum, or
         less where errors are likely."""
         looks = np.zeros(len(strata), np.int64)
-        groups = (Difficulty.EMPTY,), (Difficulty.BETWEEN,), (Difficulty.EDGE, Difficulty.REST)
+        by_views = Difficulty.EMPTY, Difficulty.FRINGE, Difficulty.BETWEEN
+        groups = *((kind,) for kind in by_views), (Difficulty.EDGE, Difficulty.REST)
         for kinds in groups:
             index = [number for number, each in enumerate(strata) if each.difficulty in kinds]
             sizes = [MOST_REPEATS * strata[i].population for i in index]
@@ -184,22 +196,24 @@ class _Measuring:
         surveys: list[Survey] = []
         for number, (stratum, count) in enumerate(zip(strata, looks.tolist(), strict=True)):
             pixels, seed = stratum.chosen(count), int(hash_bits(self.seed, 2, number))
-            if stratum.difficulty == Difficulty.BETWEEN:
-                told = yield from self._told(pixels, BETWEEN_VIEWS, SAMPLES, seed, 1)
+            if stratum.difficulty in by_views:
                 kind, rays = GroupedSurvey, BETWEEN_VIEWS
+                if stratum.difficulty == Difficulty.EMPTY:
+                    kind = EmptySurvey
+                told = yield from self._told(pixels, rays, SAMPLES * (kind is GroupedSurvey), seed, 1)
             else:  # single rays that know nothing of each other
+                kind = BinarySurvey
                 rays = SCREENING_RAYS * max(min(count // max(len(pixels), 1), MOST_REPEATS), 1)
-                kind = EmptySurvey if stratum.difficulty == Difficulty.EMPTY else BinarySurvey
-                told = yield from self._told(pixels, 1, int(kind is BinarySurvey), seed, rays)
+                told = yield from self._told(pixels, 1, 1, seed, rays)
             population = stratum.population
-            is_certain = self.probed.weights is not None and kind is not EmptySurvey
+            is_certain = self.probed.weights is not None and not stratum.is_empty
             lit = population if is_certain else population * float(told.has_light.mean())
             surveys.append(kind(Screened(stratum, pixels, self._values(pixels), rays, told, lit)))
         return surveys
 
     def _counts_for(self, stratum: Stratum) -> float:
         """What a wholly wrong pixel of it adds, times how many it has."""
-        if self.probed.weights is None or stratum.difficulty == Difficulty.EMPTY:
+        if self.probed.weights is None or stratum.is_empty:
             return float(stratum.population)
         weights = self.probed.weights.reshape(self.pixels, -1)[stratum.members].mean(axis=1)
         mean = self.probed.weights.mean(dtype=np.float64)

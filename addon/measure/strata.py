@@ -27,13 +27,14 @@ CODES = 1 << (KIND_BITS + 7)
 
 
 class Difficulty(IntEnum):
-    """EMPTY: the layer's samples found nothing that it multiplies. BETWEEN: neither 0 nor 1. EDGE: near a
-    change of the layer or of what it multiplies. REST: others."""
+    """EMPTY: the layer's samples found nothing that it multiplies, FRINGE: but those of a pixel nearby did.
+    BETWEEN: neither 0 nor 1. EDGE: near a change of the layer or of what it multiplies. REST: others."""
 
     EMPTY = 0
     BETWEEN = 1
     EDGE = 2
     REST = 3
+    FRINGE = 4
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,11 @@ class Stratum:
     @property
     def difficulty(self) -> Difficulty:
         return Difficulty(self.code & ((1 << KIND_BITS) - 1))
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no sample of its pixels found anything that the layer multiplies."""
+        return self.difficulty in (Difficulty.EMPTY, Difficulty.FRINGE)
 
     def chosen(self, count: int) -> np.ndarray:
         """`count` pixels, or all, in random order: fewer are the first of more."""
@@ -93,7 +99,7 @@ def scaling_codes(image: np.ndarray, weights: np.ndarray | None, is_binary: bool
     kind = np.where(edges, np.uint16(Difficulty.EDGE), np.uint16(Difficulty.REST))
     kind[(low & high) if is_binary else slice(None)] = Difficulty.BETWEEN
     code |= kind
-    code[empty] = Difficulty.EMPTY
+    code[empty] = np.where(nearby(~empty)[empty], np.uint16(Difficulty.FRINGE), np.uint16(Difficulty.EMPTY))
     return code.reshape(-1)
 
 
@@ -117,6 +123,11 @@ def image_codes(image: np.ndarray) -> np.ndarray:
 def near_jumps(image: np.ndarray) -> np.ndarray:
     """(rows, width) bool: within two pixels of neighbours of which one is more than JUMP times the other."""
     return near_changes(*(_jump(*pair) for pair in _neighbours(image)))
+
+
+def nearby(mask: np.ndarray) -> np.ndarray:
+    """(rows, width) bool: pixels of a mask, and those within two pixels of its borders."""
+    return mask | near_changes(*(a != b for a, b in _neighbours(mask)))
 
 
 def largest_nearby(image: np.ndarray) -> np.ndarray:

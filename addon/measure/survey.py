@@ -107,8 +107,9 @@ class GroupedSurvey:
 
 
 class EmptySurvey:
-    """Pixels whose samples found nothing that the layer multiplies: only those where rays find something may
-    be wrong. One bad pixel that was missed is not counted: what no sample met is next to nothing."""
+    """Pixels whose samples, and those of pixels nearby, found nothing that the layer multiplies: only those
+    where rays find something may be wrong. One bad pixel that was missed is not counted: what no sample far
+    and wide met is next to nothing."""
 
     def __init__(self, screened: Screened):
         self.screened = screened
@@ -121,8 +122,9 @@ class EmptySurvey:
         stands_for = len(self.groups[0]) / share if share else 0.0
         sampling = np.full(len(found), stands_for / max(len(found), 1))
         total = float((sampling * found.squares).sum())
-        spread = float(found.squares.var(ddof=1)) if len(found) > 1 else float((found.squares**2).sum())
-        part = Part(total, stands_for**2 / max(len(found), 1) * spread, 0.0, 0.0)
+        # How many pixels there is something in is as uncertain as what is wrong there.
+        variance = float(((sampling * found.squares) ** 2).sum())
+        part = Part(total, variance, 0.0, 0.0)
         return Estimate(part, screened.count, found, sampling)
 
 

@@ -114,3 +114,20 @@ def test_the_mean_light_of_a_lamp_that_lights_next_to_nothing_is_found():
     field = Field(values, np.ones((count, 2, 1)), light, np.ones(count))
     for seed in range(8):
         assert field.measured(256, seed).value == pytest.approx(0.1, rel=0.01)
+
+
+@pytest.mark.parametrize("samples", [1, 4])
+def test_silhouettes_that_samples_missed_are_found(samples):
+    """Two dark disks before nothing. Where no sample met them the layer is 1."""
+    rng, count = np.random.default_rng(1), 40_000
+    y, x = np.divmod(np.arange(count), fields.WIDTH)
+    disks = [radius + 0.5 - np.hypot(x - 50, y - row) for radius, row in ((20, 200), (6, 90))]
+    covered = np.clip(np.maximum(*disks), 0.0, 1.0)
+    light, truths = np.ones((count, 2, 3)), np.zeros((count, 2, 1))
+    light[:, 1], truths[:, 1] = 0.0, 1.0
+    hits = rng.binomial(samples, covered)
+    field = Field((hits == 0)[:, None] * 1.0, truths, light, covered)
+    field.weights = lambda: np.maximum(0.01 * hits[:, None] / samples, 1e-30)
+    errors = [field.measured(64, seed) for seed in range(16)]
+    assert sum(error.ci95[0] <= field.error <= error.ci95[1] for error in errors) >= 13
+    assert np.mean([error.value for error in errors]) == pytest.approx(field.error, rel=0.06)
