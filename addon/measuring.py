@@ -61,6 +61,7 @@ class Measuring:
         if self._rays is None:
             self._rays = yield from self.measurement.guarded(self._started_rays())
         if isinstance(self._rays, NotMeasured):
+            self._executor.execution.samples_of.clear()
             return {layer.name: self._rays for layer in layers}
         execution, errors = self._executor.execution, {}
         for number, layer in enumerate(layers, start=1):

@@ -4,17 +4,18 @@ it multiplies."""
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..core.device import RayCaster
 from ..core.graph import PlannedLayer
 from ..core.outline import Outline
-from ..core.random import hash_bits
+from ..core.random import hash_bits, text_bits
 from ..core.sampling import footprints
 from ..core.shot import Shot
 from ..core.view_rays import ViewRays
+from .strata import Stratum, strata_of
 
 RAYS_AT_ONCE = 1 << 14
 """View rays between two yields: some hundredths of a second."""
@@ -36,6 +37,18 @@ class Probed:
     samples: KeptSamples | None
     rays: RayCaster
     casters: np.ndarray
+    _strata: dict[int, list[Stratum]] = field(default_factory=dict, repr=False, compare=False)
+
+    def strata(self, codes: Callable[[], np.ndarray], seed: int) -> list[Stratum]:
+        """Its pixels by their `codes()` (pixels,), with random numbers by `seed`; made once, whoever asks."""
+
+        def priority(pixels: np.ndarray) -> np.ndarray:
+            words = text_bits(self.layer.effect), self.outline.frame & 0xFFFFFFFF, pixels
+            return hash_bits(seed, *words)
+
+        if seed not in self._strata:
+            self._strata[seed] = list(strata_of(codes(), priority))
+        return self._strata[seed]
 
     def look(self, pixels: np.ndarray, views: int, seed: int) -> ViewRays:
         """`views` view rays through each of `pixels` (P,), numbered row by row; those of a pixel one after

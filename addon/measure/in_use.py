@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.metrics import maximum, mean_brightness, quantile
 from ..core.params import Params
-from ..core.random import hash_bits, text_bits
+from ..core.random import hash_bits
 from ..core.working_space import luminance_of
 from .deviation import Deviations, Scale, deviations, joined_deviations
 from .error_image import ErrorImage, error_image
@@ -22,7 +22,7 @@ from .interval import joined, limits
 from .kept_samples import method_error
 from .light import by_cause
 from .report import LayerError
-from .strata import NOTHING, Difficulty, Stratum, finite, nearby, scaling_codes, strata_of
+from .strata import NOTHING, Difficulty, Stratum, finite, nearby, scaling_codes
 from .survey import BinarySurvey, EmptySurvey, GroupedSurvey, Screened, Survey, allot
 
 VIEWS, SAMPLES = 16, 2
@@ -99,7 +99,7 @@ class _Measuring:
         self.scale = Scale(1.0, np.array(luminance_of(probed.outline.working_space)), probed.outline.exposure)
 
     def run(self, reference_name: str) -> Generator[None, None, LayerError]:
-        strata = list(strata_of(self._codes(), self._priority))
+        strata = self.probed.strata(self._codes, self.seed)
         yield
         self.scale = yield from self._found_scale()
         surveys = yield from self._screened(strata)
@@ -152,10 +152,6 @@ class _Measuring:
 
     def _codes(self) -> np.ndarray:
         return scaling_codes(self.probed.image, self.probed.weights, self.is_binary)
-
-    def _priority(self, pixels: np.ndarray) -> np.ndarray:
-        words = text_bits(self.probed.layer.effect), self.probed.outline.frame & 0xFFFFFFFF, pixels
-        return hash_bits(self.seed, *words)
 
     def _found_scale(self) -> Generator[None, None, Scale]:
         """The mean light: what rays find at some pixels, as a factor of what the layer's samples weighed if

@@ -12,14 +12,14 @@ import numpy as np
 
 from ..core.metrics import maximum, mean_brightness, quantile
 from ..core.params import Params
-from ..core.random import hash_bits, text_bits
+from ..core.random import hash_bits
 from ..core.view_rays import ViewRays
 from .error_image import ErrorImage, error_image
 from .estimate import Compared, sampled_part
 from .footprint import Probed
 from .interval import joined, limits
 from .report import LayerError
-from .strata import Difficulty, Stratum, finite, image_codes, strata_of
+from .strata import Difficulty, Stratum, finite, image_codes
 from .survey import shared_looks
 
 RAYS_AT_ONCE = 32
@@ -125,12 +125,7 @@ def checked_estimates(estimates: np.ndarray, count: int) -> np.ndarray:
 
 def image_strata(probed: Probed, seed: int) -> list[Stratum]:
     """Of a layer of light, or of a mask."""
-
-    def priority(pixels: np.ndarray) -> np.ndarray:
-        words = text_bits(probed.layer.effect), probed.outline.frame & 0xFFFFFFFF, pixels
-        return hash_bits(seed, *words)
-
-    return list(strata_of(image_codes(probed.image), priority))
+    return probed.strata(lambda: image_codes(probed.image), seed)
 
 
 def _measured(probed: Probed, probes: int, along: Along, name: str, seed: int):

@@ -28,7 +28,7 @@ from strata.addon.measure.report import LayerError
 from strata.addon.planning import Options
 from strata.scripts.bench.document import table
 
-SCENES = 100
+SCENES = 200
 SIZE = (48, 32)
 PROBES = 512
 SHADOW_VIEWS, LIGHT_VIEWS, MASK_VIEWS = 32, 8, 32
