@@ -225,6 +225,19 @@ def test_an_instancer_hides_its_instances(scene):
     assert (instance.visible_camera, instance.casts_shadow) == (False, False)
 
 
+def test_area_lights_are_read_where_cycles_is_switched_off(scene):
+    """Its add-on brings the lights' own settings, portals among them."""
+    import addon_utils  # found once bpy is there
+
+    scene.collection.objects.link(bpy.data.objects.new("Area", bpy.data.lights.new("Area", "AREA")))
+    addon_utils.disable("cycles")
+    try:
+        outline, _ = read(scene)
+    finally:
+        addon_utils.enable("cycles")
+    assert "Area" in [light.name for light in outline.lights]
+
+
 def test_lights_that_do_nothing(scene):
     def lamp(name, kind="POINT", **values):
         made = bpy.data.objects.new(name, bpy.data.lights.new(name, kind))
