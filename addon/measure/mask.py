@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -15,7 +15,7 @@ from ..core.random import hash_bits
 from .error_image import ErrorImage, error_image
 from .estimate import Compared, sampled_part
 from .footprint import Probed
-from .interval import joined, limits
+from .interval import Part, joined, limits
 from .light import ImageScore, halves_of, image_strata, pooled, root
 from .report import LayerError
 from .strata import Difficulty, finite
@@ -81,7 +81,7 @@ class MaskScore(ImageScore):
 
 def _error(compared: list[Compared], pixels: int, reference_name: str) -> LayerError:
     errors, sampling = pooled(compared, largest_channel=True)
-    part = joined(sampled_part(_counted(each), 1.0) for each in compared)
+    part = joined(map(_part, compared))
     low, high = (min(limit / max(pixels, 1), 1.0) for limit in limits(part))
     ones = np.ones_like(errors)
     means = np.concatenate([np.zeros(0), *(np.abs(each.errors).mean(axis=1) for each in compared)])
@@ -99,6 +99,16 @@ def _error(compared: list[Compared], pixels: int, reference_name: str) -> LayerE
         seconds=0.0,
         mean_absolute_error=float((sampling * means).sum()) / max(pixels, 1),
     )
+
+
+def _part(compared: Compared) -> Part:
+    """Of the number of wrong pixels. Those near what makes one wrong are so by the chance of the rays: where
+    the two halves do not agree, a pixel's being wrong has a variance of up to 1/4."""
+    part = sampled_part(_counted(compared), 1.0)
+    count = max(len(compared.values), 1)
+    first, last = (np.abs(compared.values - half).max(axis=1) > WRONG for half in compared.estimates)
+    noise = 0.25 * (compared.population / count) ** 2 * float((first != last).sum())
+    return replace(part, noise_variance=part.noise_variance + noise)
 
 
 def _counted(compared: Compared) -> Compared:
