@@ -50,7 +50,7 @@ class Measuring:
         self._seconds_before = seconds_before
         self._rays: CpuRays | NotMeasured | None = None
         self._rays_seconds = 0.0  # of one layer
-        self.seconds = 0.0  # of all so far, without the collecting
+        self.seconds = 0.0  # of all so far, without the error images
 
     def errors(self, graph: Graph) -> Generator[None, None, dict[str, LayerError | NotMeasured]]:
         """The error of each of the graph's layers, by name: rays against the layer's own casters, on the CPU

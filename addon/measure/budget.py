@@ -30,6 +30,21 @@ USED_SHARE = 0.75
 """Of the seconds that are allowed, what layers take that need them all: probes are powers of two."""
 
 
+def _counted[Result](
+    work: Generator[None, None, Result], count: Callable[[float], None]
+) -> Generator[None, None, Result]:
+    """The same; `count` is told the seconds of each of its slices."""
+    while True:
+        started = time.perf_counter()
+        try:
+            next(work)
+        except StopIteration as end:
+            return end.value
+        finally:
+            count(time.perf_counter() - started)
+        yield
+
+
 class MeasuringOutlook:
     """How long measuring will take. `tree`: what rays need, which an effect may need too; `has_tree`: it
     has been built."""
@@ -52,20 +67,13 @@ class MeasuringOutlook:
         self, work: Generator[None, None, tuple[Result, float]]
     ) -> Generator[None, None, tuple[Result, float]]:
         """The measuring of one layer (core/slices.py, timed), counted."""
-        found, seconds = yield from self._counted(work)
+        found, seconds = yield from _counted(work, self._count)
         self._done, self._taken = self._done + 1, self._taken + seconds
         self._current, self._expected = 0.0, None
         return found, seconds
 
-    def _counted[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
-        while True:
-            started = time.perf_counter()
-            try:
-                next(work)
-            except StopIteration as end:
-                return end.value
-            self._current += time.perf_counter() - started
-            yield
+    def _count(self, seconds: float) -> None:
+        self._current += seconds
 
     def seconds_left(self, baking_seconds: float, slower: float = 1.0) -> float:
         """Where the bake without measuring takes so many seconds on a machine that is so many times as slow
@@ -106,15 +114,10 @@ class ImagesOutlook:
 
     def watched[Result](self, work: Generator[None, None, Result]) -> Generator[None, None, Result]:
         """The making of one, counted."""
-        while True:
-            started = time.perf_counter()
-            try:
-                next(work)
-            except StopIteration as end:
-                return end.value
-            finally:
-                self.seconds += time.perf_counter() - started
-            yield
+        return (yield from _counted(work, self._count))
+
+    def _count(self, seconds: float) -> None:
+        self.seconds += seconds
 
     def seconds_left(self, slower: float) -> float:
         """On a machine that is so many times as slow as an ordinary one, once some are made as it was with

@@ -35,6 +35,13 @@ class Scale:
         """Luminance of (..., 3)."""
         return light @ self.luminance
 
+    def errors(self, by_channel: np.ndarray, channels: int) -> np.ndarray:
+        """Errors (..., 3) of a layer of so many channels as numbers (..., K) whose squares add up to
+        luminance's: of one channel in luminance, else by channel."""
+        if channels == 1:
+            return self.of(by_channel)[..., None]
+        return by_channel * np.sqrt(self.luminance)
+
     def shown(self, light: np.ndarray) -> np.ndarray:
         """Luminance of (..., 3) as a display shows it."""
         return np.clip(light * self.exposure, 0.0, 1.0) @ self.luminance
@@ -112,12 +119,10 @@ def deviations(values: np.ndarray, seen: Seen, scale: Scale) -> Deviations:
     whole = np.maximum(brightness + scale.mean, 1e-300)
     by_channel = halves(differences * light) / whole[:, None, None]
     in_luminance = scale.of(by_channel)
-    by_channel = by_channel * np.sqrt(scale.luminance)
+    errors = scale.errors(by_channel, values.shape[1])
+    chroma = np.zeros_like(by_channel)
     if values.shape[1] == 1:
-        errors = in_luminance[..., None]
-        chroma = by_channel - errors * np.sqrt(scale.luminance)
-    else:
-        errors, chroma = by_channel, np.zeros_like(by_channel)
+        chroma = by_channel * np.sqrt(scale.luminance) - errors * np.sqrt(scale.luminance)
     in_use, true = values[:, None] * halves(light), halves(truth * light)
     shown = scale.shown(light.mean(axis=1)) + scale.display_mean
     display = (scale.shown(in_use) - scale.shown(true)) / np.maximum(shown, 1e-300)[:, None]

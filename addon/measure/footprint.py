@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +39,8 @@ class Probed:
     rays: RayCaster
     casters: np.ndarray
     _strata: dict[int, list[Stratum]] = field(default_factory=dict, repr=False, compare=False)
+    found: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
+    """What a score found out for all numbers of probes, for it to find again."""
 
     def strata(self, codes: Callable[[], np.ndarray], seed: int) -> list[Stratum]:
         """Its pixels by their `codes()` (pixels,), with random numbers by `seed`; made once, whoever asks."""

@@ -156,6 +156,11 @@ class _Measuring:
     def _found_scale(self) -> Generator[None, None, Scale]:
         """The mean light: what rays find at some pixels, as a factor of what the layer's samples weighed if
         they did, whose mean is known."""
+        if self.seed not in self.probed.found:
+            self.probed.found[self.seed] = yield from self._looked_for_scale()
+        return self.probed.found[self.seed]
+
+    def _looked_for_scale(self) -> Generator[None, None, Scale]:
         near, seed = np.ones(self.pixels, bool), int(hash_bits(self.seed, 1))
         if self.probed.weights is not None:
             weights = self.probed.weights.reshape(self.pixels, -1).mean(axis=1, dtype=np.float64)

@@ -75,10 +75,7 @@ def _compared(probed, truth, scale, chosen, seed) -> Generator[None, None, tuple
             wrong = values - told.mean(axis=0).reshape(*shape, -1)
             whole = scale.of(light.mean(axis=1)) + scale.mean
             by_channel = (wrong * light).mean(axis=1) / np.maximum(whole, 1e-300)[:, None]
-            if values.shape[2] == 1:
-                errors.append(scale.of(by_channel)[:, None])
-            else:
-                errors.append(by_channel * np.sqrt(scale.luminance))
+            errors.append(scale.errors(by_channel, values.shape[2]))
         squares.append((errors[0] * errors[1]).sum(axis=1))
         is_lit.append(light.any(axis=(1, 2)))
         yield
