@@ -16,8 +16,9 @@ class MeshArrays:
     `positions` (V, 3) f32; `corner_vertices` (C,) i32; `face_starts` (F + 1,) i32, the first corner of each
     face and then C; `corner_normals` (C, 3) f32 unit, None for a flat mesh; `corner_uvs` (C, 2) f32, None
     where nothing samples them; `face_slots` (F,) i32 material slots, None for slot 0 throughout;
-    `vertex_values` (V,) f32 by the name of the vertex group or the attribute, of those that were asked for
-    and that the mesh has.
+    `corner_opacity` (C,) f32 factors of the opacity of the face's material (`OpacityArrays.by_corner`), None
+    where no material has any; `vertex_values` (V,) f32 by the name of the vertex group or the attribute, of
+    those that were asked for and that the mesh has.
     """
 
     positions: np.ndarray
@@ -26,6 +27,7 @@ class MeshArrays:
     corner_normals: np.ndarray | None = None
     corner_uvs: np.ndarray | None = None
     face_slots: np.ndarray | None = None
+    corner_opacity: np.ndarray | None = None
     vertex_values: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
@@ -40,13 +42,31 @@ class MeshArrays:
 
 
 @dataclass(frozen=True, eq=False)
-class Cutout:
-    """A material's alpha clip, as `strata_kernels.Geometry.add_material` takes it: `texels` (H, W) f32, row 0
-    at the bottom, or None for `alpha` throughout."""
+class OpacityArrays:
+    """An Opacity of the outline: `texels` (H, W) f32, row 0 at the bottom, or None for `value` throughout;
+    times the mesh's `corner_opacity` if `by_corner`."""
 
-    threshold: float = 0.0
-    alpha: float = 1.0
+    value: float = 1.0
     texels: np.ndarray | None = None
+    by_corner: bool = False
+    threshold: float = 0.0
+
+
+OPAQUE = OpacityArrays()
+
+
+@dataclass(frozen=True, eq=False)
+class Opacities:
+    """Of a material, front and back: what cameras meet, and what shadow rays and maps meet. Equal ones are
+    one object."""
+
+    seen: tuple[OpacityArrays, OpacityArrays] = (OPAQUE, OPAQUE)
+    casts: tuple[OpacityArrays, OpacityArrays] = (OPAQUE, OPAQUE)
+
+    @classmethod
+    def of(cls, opacity: OpacityArrays) -> Opacities:
+        """The same on both sides and for both."""
+        return cls((opacity, opacity), (opacity, opacity))
 
 
 @dataclass(frozen=True)
@@ -61,7 +81,7 @@ class Placed:
 @dataclass(frozen=True, eq=False)
 class Arrays:
     """Indices are the outline's: `meshes[i]` belongs to `outline.meshes[i]`, row i of `matrices` (N, 4, 4)
-    f64 object to world to `outline.instances[i]`, `cutouts[i]` to `outline.materials[i]`, and `textures[i]`
+    f64 object to world to `outline.instances[i]`, `opacities[i]` to `outline.materials[i]`, and `textures[i]`
     to `outline.images[i]`: (H, W) f32 or, for COLOR, (H, W, 4) f32 scene-linear and not premultiplied.
 
     A mesh that cannot be used has no faces; a texture that cannot be read, or was not wanted, is not in
@@ -70,7 +90,7 @@ class Arrays:
 
     meshes: tuple[MeshArrays, ...]
     matrices: np.ndarray
-    cutouts: tuple[Cutout, ...]
+    opacities: tuple[Opacities, ...]
     textures: dict[int, np.ndarray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 

@@ -135,20 +135,55 @@ class Image:
 
 
 @dataclass(frozen=True)
+class Opacity:
+    """How much of what meets one side of a surface is stopped: 1 all of it, 0 nothing.
+
+    `value` everywhere, or `image`, an index into `Outline.images` sampled by the mesh's render UV map,
+    repeated and bilinear; then `value` is not used. Either times `corners`, the name of an attribute of
+    points or corners (with `.alpha` behind it a colour attribute's alpha, else a colour's luminance); empty:
+    times nothing. With a `threshold` above 0 it is a clip: 1 where all that is at least so much, else 0.
+    """
+
+    value: float = 1.0
+    image: int | None = None
+    corners: str = ""
+    threshold: float = 0.0
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether it is the same all over."""
+        return self.image is None and not self.corners
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it stops everything, all over."""
+        return self.is_uniform and self.value >= (self.threshold if self.threshold > 0.0 else 1.0)
+
+    @property
+    def is_partial(self) -> bool:
+        """Whether it may be neither 1 nor 0 somewhere."""
+        return self.threshold <= 0.0 and not (self.is_uniform and (self.value >= 1.0 or self.value <= 0.0))
+
+
+BothSides = tuple[Opacity, Opacity]
+"""Of the front, which is where the corners of a face go round counter-clockwise, and of the back."""
+WHOLE: BothSides = (Opacity(), Opacity())
+
+
+@dataclass(frozen=True)
 class Material:
     """What Strata reads of a material. Colours are linear RGB in the working space.
 
-    `base_color_image` and `alpha_image` index `Outline.images`, sampled by the mesh's render UV map,
-    repeated and bilinear; then the constant beside is not used. A fragment is there where alpha is at least
-    `alpha_threshold`; 0: everywhere. `medium` fills a mesh of this material where it has no surface.
+    `base_color_image` indexes `Outline.images`, sampled as an opacity's; then the constant beside is not
+    used. `seen` is what cameras meet, `casts` what shadow rays and shadow maps meet. `medium` fills a mesh of
+    this material where it has no surface.
     """
 
     name: str
     base_color: Colour = (0.8, 0.8, 0.8)
     base_color_image: int | None = None
-    alpha: float = 1.0
-    alpha_image: int | None = None
-    alpha_threshold: float = 0.0
+    seen: BothSides = WHOLE
+    casts: BothSides = WHOLE
     roughness: float = 0.5
     emission: Colour = (0.0, 0.0, 0.0)
     metallic: float = 0.0
@@ -157,12 +192,9 @@ class Material:
     own_settings: OwnSettings = ()
 
     @property
-    def is_cutout(self) -> bool:
-        return self.alpha_threshold > 0.0
-
-    @property
-    def clips_by_texture(self) -> bool:
-        return self.is_cutout and self.alpha_image is not None
+    def opacities(self) -> frozenset[Opacity]:
+        """All that it has, of either side and for either use."""
+        return frozenset((*self.seen, *self.casts))
 
 
 @dataclass(frozen=True)

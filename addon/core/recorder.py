@@ -85,8 +85,11 @@ class Recorder:
             return
         self._instance_sets.add(instances)
         materials = self.outline.instances.materials_of(instances)
-        if any(self.outline.materials[m].clips_by_texture for m in materials):
-            self._wants.update(("uv", "alpha"))
+        for opacity in {each for m in materials for each in self.outline.materials[m].opacities}:
+            if opacity.image is not None:
+                self._wants.update(("uv", "opacity"))
+            if opacity.corners:
+                self._wants.add("opacity")
 
     def wants(self, *names: str) -> None:
         """Asks the extraction for more (names as in addon/scene/extract.py)."""

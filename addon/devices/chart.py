@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.arrays import Arrays, Cutout, separate_triangles
+from ..core.arrays import Arrays, Opacities, separate_triangles
 from ..core.outline import Outline
 from ..core.surface import Chunk
 from ..core.view import Vector, View
@@ -59,7 +59,7 @@ def lay_out(
         known.append(index)
     placed = [_Flat(number, number) for number in range(len(known))]
     matrices = np.broadcast_to(np.eye(4), (len(known), 4, 4))
-    flat = geometry_of(placed, Arrays(tuple(meshes), matrices, (Cutout(),)))
+    flat = geometry_of(placed, Arrays(tuple(meshes), matrices, (Opacities(),)))
     return LaidOut(geometry, flat, np.array(known, np.int32))
 
 

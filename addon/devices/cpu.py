@@ -76,8 +76,9 @@ class CpuDevice:
         geometry = strata_kernels.Geometry()
         for mesh in arrays.meshes:
             geometry.add_shared_mesh(self._triangles(mesh))
-        for cutout in arrays.cutouts:
-            geometry.add_material(cutout.threshold, cutout.alpha, cutout.texels)
+        for opacities in arrays.opacities:
+            opacity = opacities.seen[0]
+            geometry.add_material(opacity.threshold, opacity.value, opacity.texels)
         for instance, matrix in zip(instances, arrays.matrices, strict=True):
             geometry.add_instance(instance.mesh, matrix, instance.object_id, list(instance.materials))
         return geometry

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.arrays import Arrays, Cutout, Placed
+from ..core.arrays import Arrays, OpacityArrays, Placed
 from ..core.view import View
 from .gpu_image import GpuImage
 from .gpu_meshes import GpuMeshes, MeshPlace
@@ -60,7 +60,7 @@ class GpuGeometry:
         self._mesh_of = np.array([instance.mesh for instance in instances], int)
         self._boxes = _box_corners(meshes.places)
         self._matrices = np.asarray(arrays.matrices, np.float64).reshape(-1, 4, 4)
-        self._cutouts = arrays.cutouts
+        self._opacities = [opacities.seen[0] for opacities in arrays.opacities]
         self._alphas: dict[int, GpuImage] = {}
         self._lists: dict[frozenset[int], DrawList] = {}
 
@@ -87,10 +87,10 @@ class GpuGeometry:
 
     def alpha(self, material: int) -> tuple[GpuImage, float]:
         """Alpha texels of a material that `Range.material` names, and its threshold."""
-        cutout = self._cutouts[material]
+        opacity = self._opacities[material]
         if material not in self._alphas:
-            self._alphas[material] = self._device.upload(np.asarray(cutout.texels, np.float32))
-        return self._alphas[material], cutout.threshold
+            self._alphas[material] = self._device.upload(np.asarray(opacity.texels, np.float32))
+        return self._alphas[material], opacity.threshold
 
     def draw_list(self, instances: frozenset[int]) -> DrawList:
         """What to draw of `instances`; kept, since many views draw the same."""
@@ -107,7 +107,7 @@ class GpuGeometry:
             for slot, first, count in mesh.slots:
                 material = instance.materials[min(slot, len(instance.materials) - 1)]
                 run = (index, material, first, mesh.first_vertex, count)
-                kind = _alpha_kind(self._cutouts[material])
+                kind = _alpha_kind(self._opacities[material])
                 tested = material if kind == "tested" else None
                 last = -1 if tested is None else material
                 if kind != "absent" and count:
@@ -209,13 +209,13 @@ class GpuGeometry:
         self._lists.clear()
 
 
-def _alpha_kind(cutout: Cutout) -> str:
+def _alpha_kind(opacity: OpacityArrays) -> str:
     """As kernels/src/geometry/mesh.rs `Cutout`."""
-    if cutout.threshold <= 0.0:
+    if opacity.threshold <= 0.0:
         return "opaque"
-    if cutout.texels is not None and cutout.texels.size:
+    if opacity.texels is not None and opacity.texels.size:
         return "tested"
-    return "opaque" if cutout.alpha >= cutout.threshold else "absent"
+    return "opaque" if opacity.value >= opacity.threshold else "absent"
 
 
 def _box_corners(meshes: list[MeshPlace]) -> np.ndarray:

@@ -8,8 +8,9 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ..core.arrays import Arrays, Cutout, MeshArrays
-from ..core.outline import Outline
+from ..core.arrays import OPAQUE, Arrays, MeshArrays, Opacities, OpacityArrays
+from ..core.outline import Opacity, Outline
+from .corner_values import corner_opacity
 from .pixels import channel_of, pixels_of
 from .scan import Scan
 from .vertex_values import vertex_values
@@ -17,17 +18,18 @@ from .vertex_values import vertex_values
 # What a graph may ask for. Positions and polygons always come.
 CORNER_NORMALS = "corner_normals"
 UV = "uv"
-ALPHA = "alpha"
+OPACITY = "opacity"
 BASE_COLOR = "base_color"
 VERTEX = "vertex:"
 """With a name after it: the vertex group or the attribute of vertices of that name."""
-WANTS = frozenset({CORNER_NORMALS, UV, ALPHA, BASE_COLOR})
+WANTS = frozenset({CORNER_NORMALS, UV, OPACITY, BASE_COLOR})
 
 
 def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[int] | None = None) -> Arrays:
     """Arrays of the meshes that `instances` (indices; None: all) show; other meshes stay empty. `wants` is a
     subset of `WANTS`: `CORNER_NORMALS` of smooth meshes, `UV` of meshes with a material that samples a
-    texture, texels for `ALPHA` clips and for `BASE_COLOR`; and may have any `VERTEX` with a name."""
+    texture, texels for `BASE_COLOR`, texels and factors of corners for `OPACITY`; and may have any `VERTEX`
+    with a name."""
     outline = scan.outline
     warnings: list[str] = []
     owners = _owners(outline)
@@ -46,9 +48,19 @@ def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[in
             replace(mesh, vertex_values=_values(source, owners[index], names)) if index in shown else mesh
             for index, (mesh, source) in enumerate(zip(meshes, scan.mesh_sources, strict=True))
         )
+    if OPACITY in wants:
+        factors = {
+            index: corner_opacity(scan.mesh_sources[index], meshes[index], names, owners[index], warnings)
+            for index, names in _corner_names(outline).items()
+            if index in shown
+        }
+        meshes = tuple(
+            replace(mesh, corner_opacity=factors[index]) if index in factors else mesh
+            for index, mesh in enumerate(meshes)
+        )
     textures = _textures(scan, wants, warnings)
     matrices = np.array([instance.matrix for instance in outline.instances], np.float64).reshape(-1, 4, 4)
-    return Arrays(meshes, matrices, _cutouts(outline, textures), textures, tuple(warnings))
+    return Arrays(meshes, matrices, _opacities(outline, textures), textures, tuple(warnings))
 
 
 def _values(mesh: bpy.types.Mesh, owner: str, names: list[str]) -> dict[str, np.ndarray]:
@@ -68,7 +80,7 @@ def _textured_meshes(outline: Outline, wants: Collection[str]) -> frozenset[int]
     sampling = {
         index
         for index, material in enumerate(outline.materials)
-        if (ALPHA in wants and material.is_cutout and material.alpha_image is not None)
+        if (OPACITY in wants and any(opacity.image is not None for opacity in material.opacities))
         or (BASE_COLOR in wants and material.base_color_image is not None)
     }
     return frozenset(i.mesh for i in outline.instances if not sampling.isdisjoint(i.materials))
@@ -149,8 +161,10 @@ def _textures(scan: Scan, wants: Collection[str], warnings: list[str]) -> dict[i
     outline = scan.outline
     wanted: dict[int, str] = {}
     for material in outline.materials:
-        if ALPHA in wants and material.is_cutout and material.alpha_image is not None:
-            wanted.setdefault(material.alpha_image, material.name)
+        if OPACITY in wants:
+            for opacity in material.opacities:
+                if opacity.image is not None:
+                    wanted.setdefault(opacity.image, material.name)
         if BASE_COLOR in wants and material.base_color_image is not None:
             wanted.setdefault(material.base_color_image, material.name)
     loaded: dict[int, np.ndarray | None] = {}
@@ -170,10 +184,34 @@ def _textures(scan: Scan, wants: Collection[str], warnings: list[str]) -> dict[i
     return textures
 
 
-def _cutouts(outline: Outline, textures: dict[int, np.ndarray]) -> tuple[Cutout, ...]:
-    cutouts = []
-    for material in outline.materials:
-        texels = textures.get(material.alpha_image) if material.alpha_image is not None else None
-        # A cutout without its image is as its constant says.
-        cutouts.append(Cutout(material.alpha_threshold, material.alpha, texels))
-    return tuple(cutouts)
+def _opacities(outline: Outline, textures: dict[int, np.ndarray]) -> tuple[Opacities, ...]:
+    made: dict[Opacity, OpacityArrays] = {Opacity(): OPAQUE}
+
+    def arrays_of(opacity: Opacity) -> OpacityArrays:
+        if opacity not in made:
+            # Without its image it is as its constant says.
+            texels = None if opacity.image is None else textures.get(opacity.image)
+            by_corner = bool(opacity.corners)
+            made[opacity] = OpacityArrays(opacity.value, texels, by_corner, opacity.threshold)
+        return made[opacity]
+
+    return tuple(
+        Opacities(tuple(map(arrays_of, material.seen)), tuple(map(arrays_of, material.casts)))
+        for material in outline.materials
+    )
+
+
+def _corner_names(outline: Outline) -> dict[int, list[str]]:
+    """By mesh, the attribute that each slot's material multiplies opacities by, of the first object that
+    shows the mesh; empty: none. Without meshes where no slot has one."""
+    of_material = [
+        min((opacity.corners for opacity in material.opacities if opacity.corners), default="")
+        for material in outline.materials
+    ]
+    if not any(of_material):
+        return {}
+    names = {
+        instance.mesh: [of_material[material] for material in instance.materials]
+        for instance in reversed(outline.instances)
+    }
+    return {mesh: each for mesh, each in names.items() if any(each)}

@@ -13,7 +13,7 @@ import os
 
 import bpy
 
-from ..core.outline import Image, Material
+from ..core.outline import Image, Material, Opacity
 from .transforms import as_colour
 from .volumes import volume_of
 
@@ -100,16 +100,15 @@ def _surface_of(material: bpy.types.Material, images: Images) -> tuple[Material,
         read = Material(name, base_color, base_color_image, roughness=1.0)
         return read, [f"material '{name}': {reason}" for reason in reader.warnings]
     base_color, base_color_image = reader.base_color("Base Color")
-    alpha, alpha_image, threshold = reader.alpha()
+    opacity = reader.opacity()
     emission_strength = reader.value("Emission Strength")
     emission = as_colour(c * emission_strength for c in reader.value("Emission Color")[:3])
     read = Material(
         name,
         base_color,
         base_color_image,
-        alpha,
-        alpha_image,
-        threshold,
+        (opacity, opacity),
+        (opacity, opacity),
         float(reader.value("Roughness")),
         emission,
         reader.metallic(),
@@ -179,16 +178,16 @@ class _Reader:
             return viewport, None
         return viewport, self._image(source, "COLOR", name)
 
-    def alpha(self):
-        """Constant, image index or None, threshold."""
+    def opacity(self) -> Opacity:
+        """What Alpha says; the same on both sides, and for cameras and shadows."""
         source, output = _source(self.node.inputs["Alpha"])
         if source is None or source.bl_idname == "ShaderNodeValue":
             alpha = float(self.value("Alpha"))
             if alpha >= 1.0:
-                return 1.0, None, 0.0
+                return Opacity()
             if alpha > 0.0:
                 self.warnings.append(f"alpha {alpha:.3g} is clipped at {ALPHA_THRESHOLD:g}")
-            return alpha, None, ALPHA_THRESHOLD
+            return Opacity(alpha, threshold=ALPHA_THRESHOLD)
         threshold = ALPHA_THRESHOLD
         if source.bl_idname == "ShaderNodeMath" and source.operation == "GREATER_THAN":
             inner, inner_output = _source(source.inputs[0])
@@ -197,10 +196,10 @@ class _Reader:
                 source, output = inner, inner_output
         if source.bl_idname != "ShaderNodeTexImage":
             self.warnings.append(f"node '{source.name}' is not read for Alpha, it counts as opaque")
-            return 1.0, None, 0.0
+            return Opacity()
         channel = "ALPHA" if output.name == "Alpha" else "LUMINANCE"
         image = self._image(source, channel, "Alpha")
-        return 1.0, image, threshold if image is not None else 0.0
+        return Opacity(image=image, threshold=threshold) if image is not None else Opacity()
 
     def _image(self, node: bpy.types.Node, channel: str, use: str) -> int | None:
         """Index of an Image Texture's image; None, with a warning, where it cannot be sampled."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strata.addon.core.arrays import Arrays, Cutout, MeshArrays
+from strata.addon.core.arrays import Arrays, MeshArrays, Opacities
 from strata.addon.core.culling import casters_into, corners_of, drawn_from, in_frustum, lights_region
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.outline import Bounds, Instance, Light, Material, Mesh, Outline
@@ -133,7 +133,7 @@ def test_a_map_of_what_may_be_drawn_is_the_map_of_all(orthographic, seed):
     headers = tuple(Mesh(str(i), str(i), 3, 1) for i in range(len(parts)))
     materials = (Material("m"),)
     outline = Outline("S", "L", 1, (), tuple(parts), headers, materials)
-    device.set_scene(outline, Arrays(tuple(meshes), np.array(matrices), (Cutout(),)))
+    device.set_scene(outline, Arrays(tuple(meshes), np.array(matrices), (Opacities(),)))
     geometry = device.geometry()
     everything = frozenset(range(len(parts)))
     drawn = drawn_from(view, everything, outline.instances)

@@ -15,7 +15,7 @@ import numpy as np
 def main(source: str, target: str, kernels: str) -> None:
     """`kernels`: the folder that the kernels' package is in, which this Blender's Python does not know."""
     sys.path.append(kernels)
-    from strata.addon.core.arrays import Arrays, Cutout, MeshArrays
+    from strata.addon.core.arrays import Arrays, MeshArrays, Opacities
     from strata.addon.core.emitter import Emitter, EmitterKind
     from strata.addon.core.surface import Chunk
     from strata.addon.core.view import View
@@ -32,7 +32,7 @@ def main(source: str, target: str, kernels: str) -> None:
     device = GpuDevice()
     mesh = MeshArrays(data["positions"], data["corners"], data["starts"])
     scene = SimpleNamespace(instances=(SimpleNamespace(mesh=0, object_id=1, materials=(0,)),))
-    device.set_scene(scene, Arrays((mesh,), np.eye(4)[None], (Cutout(),)))
+    device.set_scene(scene, Arrays((mesh,), np.eye(4)[None], (Opacities(),)))
     geometry, drawn = device.geometry(), frozenset({0})
     camera, light = view_of(data["camera"]), view_of(data["light_view"])
     attributes = ("position", "geometric_normal", "shading_normal", "depth", "triangle")

@@ -38,7 +38,7 @@ def dressed(seed: int):
     instances = tuple(replace(each, materials=(1, 0), object_id=7) for each in outline.instances)
     outline = replace(outline, materials=materials, instances=instances)
     return outline, replace(
-        arrays, meshes=tuple(meshes), matrices=matrices, cutouts=(*arrays.cutouts, *arrays.cutouts)
+        arrays, meshes=tuple(meshes), matrices=matrices, opacities=(*arrays.opacities, *arrays.opacities)
     )
 
 

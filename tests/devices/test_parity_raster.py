@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from strata.addon.core.arrays import Cutout
+from strata.addon.core.arrays import Opacities, OpacityArrays
 from strata.addon.core.surface import ATTRIBUTES, Chunk
 from strata.addon.effects.shared.steps import LAYERED_DEPTH, SURFACE
 from strata.tests.kernels.raster_scenes import brute_force, down, pixel_rays, random_triangles, turned_view
@@ -145,13 +145,13 @@ def courtyard(rng, offset=0.0, ground_last=False):
         instances.append((0, matrix_of(linear, moved), 2**24 + index, (0, 1) if index < 3 else (2, 3)))
     if ground_last:
         instances.append(instances.pop(0))
-    cutouts = (
-        Cutout(),
-        Cutout(0.5, 1.0, rng.random((7, 5)).astype(np.float32)),
-        Cutout(0.5, 0.4),
-        Cutout(0.5, 0.6),
+    opacities = (
+        Opacities(),
+        Opacities.of(OpacityArrays(texels=rng.random((7, 5)).astype(np.float32), threshold=0.5)),
+        Opacities.of(OpacityArrays(0.4, threshold=0.5)),
+        Opacities.of(OpacityArrays(0.6, threshold=0.5)),
     )
-    return scene_of([bumpy_sheet(rng, 12), ground], instances, cutouts)
+    return scene_of([bumpy_sheet(rng, 12), ground], instances, opacities)
 
 
 @pytest.mark.parametrize("orthographic", [False, True])

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from strata.addon.core.arrays import Cutout, MeshArrays
+from strata.addon.core.arrays import MeshArrays, Opacities, OpacityArrays
 from strata.addon.core.surface import Chunk
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.shared.steps import SURFACE
@@ -23,7 +23,11 @@ from strata.tests.support.gpu_scenes import (
 SIZE = (96, 72)
 ATTRIBUTES = frozenset({"instance", "triangle", "object_id", "material", "depth"})
 OPAQUE, TESTED, ABSENT = 0, 1, 2
-CUTOUTS = (Cutout(), Cutout(0.5, 1.0, np.ones((2, 2), np.float32)), Cutout(0.5, 0.2))
+OPACITIES = (
+    Opacities(),
+    Opacities.of(OpacityArrays(texels=np.ones((2, 2), np.float32), threshold=0.5)),
+    Opacities.of(OpacityArrays(0.2, threshold=0.5)),
+)
 
 
 def seen(backend, scene, view, rows=(0, SIZE[1]), jitter=(0.0, 0.0)):
@@ -44,7 +48,7 @@ def stacked(materials, far=0.0):
     instances = [
         (index % 2, matrix, 100 - index, (material, material)) for index, material in enumerate(materials)
     ]
-    return scene_of([sheet, copy], instances, CUTOUTS)
+    return scene_of([sheet, copy], instances, OPACITIES)
 
 
 @pytest.mark.parametrize("orthographic", [False, True])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from strata.addon.core.arrays import Arrays, Cutout, MeshArrays
+from strata.addon.core.arrays import Arrays, MeshArrays, Opacities
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.outline import Bounds, Instance, Light, Material, Mesh, Outline
 from strata.addon.core.shot import Camera, Raster, Shot
@@ -106,4 +106,4 @@ def random_scene(seed: int) -> tuple[Outline, Arrays]:
     )
     materials = Material("White"), Material("Black", (0.02, 0.02, 0.02))
     outline = Outline("Scene", "Layer", 1, (light,), tuple(instances), headers, materials)
-    return outline, Arrays(tuple(meshes), np.array(matrices), (Cutout(),) * 2)
+    return outline, Arrays(tuple(meshes), np.array(matrices), (Opacities(),) * 2)

@@ -10,7 +10,10 @@ import mathutils
 import numpy as np
 import pytest
 import strata_kernels
-from strata.addon.scene.extract import ALPHA, BASE_COLOR, CORNER_NORMALS, UV, WANTS, extract
+from strata.addon.core.arrays import MeshArrays
+from strata.addon.core.outline import Opacity
+from strata.addon.scene.corner_values import corner_opacity
+from strata.addon.scene.extract import BASE_COLOR, CORNER_NORMALS, OPACITY, UV, WANTS, extract
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.render_depsgraph import with_render_depsgraph
 from strata.addon.scene.scan import ScanOptions, scan
@@ -86,8 +89,9 @@ def test_arrays_are_blenders_elements(scene):
         assert array.flags.c_contiguous
     geometry = strata_kernels.Geometry()
     geometry.add_mesh(*list(vars(got).values())[:6])
-    for cutout in arrays.cutouts:
-        geometry.add_material(cutout.threshold, cutout.alpha, cutout.texels)
+    for opacities in arrays.opacities:
+        opacity = opacities.seen[0]
+        geometry.add_material(opacity.threshold, opacity.value, opacity.texels)
     geometry.add_instance(0, arrays.matrices[0], 0, list(outline.instances[0].materials))
     assert geometry.triangle_count() == outline.triangles
 
@@ -104,7 +108,7 @@ def test_only_what_is_wanted_comes(scene):
     material, node = material_on(bpy.context.object)
     image_node(material, node, np.ones((1, 1, 4)))
     bpy.context.object.data.shade_smooth()
-    for wants in (set(), {CORNER_NORMALS}, {UV}, {UV, ALPHA}, {UV, BASE_COLOR}, WANTS):
+    for wants in (set(), {CORNER_NORMALS}, {UV}, {UV, OPACITY}, {UV, BASE_COLOR}, WANTS):
         _, arrays = read(scene, wants)
         got = arrays.meshes[0]
         assert (got.corner_normals is not None) == (CORNER_NORMALS in wants)
@@ -138,7 +142,7 @@ def test_principled_values(scene):
     assert material.metallic == 0.0
     assert material.base_color == pytest.approx((0.9, 0.1, 0.2))
     assert (material.roughness, material.emission) == (0.25, (2.0, 1.0, 0.0))
-    assert not material.is_cutout
+    assert material.opacities == {Opacity()}
     assert not outline.warnings
     node.inputs["Alpha"].default_value = 0.25
     node.inputs["Transmission Weight"].default_value = 0.5
@@ -150,8 +154,9 @@ def test_principled_values(scene):
     node.inputs["Metallic"].default_value = 0.0
     tree.nodes.remove(texture)
     (outline, arrays) = read(scene)
-    assert outline.materials[0].alpha_threshold == 0.5
-    assert (arrays.cutouts[0].alpha, arrays.cutouts[0].threshold) == (0.25, 0.5)
+    assert outline.materials[0].opacities == {Opacity(0.25, threshold=0.5)}
+    opacity = arrays.opacities[0].casts[1]
+    assert (opacity.value, opacity.threshold) == (0.25, 0.5)
     assert outline.warnings == (
         "material 'Red': alpha 0.25 is clipped at 0.5",
         "material 'Red': only base colour, roughness, alpha and emission of Principled BSDF are read, "
@@ -222,11 +227,42 @@ def test_alpha_images_clip(scene, output, threshold):
         material.node_tree.links.new(math.outputs[0], node.inputs["Alpha"])
     outline, arrays = read(scene)
     assert not outline.warnings + arrays.warnings
-    (cutout,) = arrays.cutouts
-    assert cutout.threshold == (threshold or 0.5)
+    (opacities,) = arrays.opacities
+    opacity = opacities.seen[0]
+    assert opacity.threshold == (threshold or 0.5)
     expected = pixels[..., 3] if output == "Alpha" else pixels[..., :3] @ [0.2126, 0.7152, 0.0722]
-    np.testing.assert_allclose(cutout.texels, expected, atol=1e-6)
+    np.testing.assert_allclose(opacity.texels, expected, atol=1e-6)
     assert arrays.meshes[0].corner_uvs is not None
+
+
+def test_opacity_of_corners(scene):
+    """Slots 0 and 2 read attributes of points and of corners, slot 1 none, slot 3 one that is missing."""
+    mesh = bpy.data.meshes.new("Strips")
+    corners = [(x, y, 0.0) for y in (0.0, 1.0) for x in range(5)]
+    mesh.from_pydata(corners, [], [(i, i + 1, i + 6, i + 5) for i in range(4)])
+    mesh.polygons.foreach_set("material_index", np.arange(4, dtype=np.int32))
+    points = mesh.attributes.new("there", "FLOAT", "POINT")
+    points.data.foreach_set("value", np.linspace(0.0, 0.9, 10, dtype=np.float32))
+    colours = mesh.attributes.new("tint", "FLOAT_COLOR", "CORNER")
+    rgba = np.random.default_rng(1).random((16, 4)).astype(np.float32)
+    rgba[8] = np.nan
+    colours.data.foreach_set("color", rgba.ravel())
+    faces = np.array(mesh.polygons[0].vertices[:] + mesh.polygons[1].vertices[:], np.int32)
+    assert faces.tolist() == [0, 1, 6, 5, 1, 2, 7, 6]
+    vertices = np.array([v for face in mesh.polygons for v in face.vertices], np.int32)
+    slots = np.arange(4, dtype=np.int32)
+    read_mesh = MeshArrays(
+        np.array(corners, np.float32), vertices, np.arange(0, 17, 4, dtype=np.int32), face_slots=slots
+    )
+    warnings = []
+    found = corner_opacity(mesh, read_mesh, ["there", "", "tint.alpha", "lost"], "Strips", warnings)
+    np.testing.assert_allclose(found[:4], [0.0, 0.1, 0.6, 0.5], atol=1e-6)
+    assert (found[4:8] == 1.0).all()
+    np.testing.assert_array_equal(found[8:12], [0.0, *rgba[9:12, 3]])
+    assert (found[12:] == 0.0).all()
+    assert warnings == ["object 'Strips': it has no attribute 'lost', which counts as 0"]
+    found = corner_opacity(mesh, read_mesh, ["tint"], "Strips", warnings)
+    np.testing.assert_allclose(found[9:], rgba[9:, :3] @ [0.2126, 0.7152, 0.0722], rtol=1e-5)
 
 
 @pytest.mark.parametrize("working_space", ["Linear Rec.709", "Linear Rec.2020", "ACEScg"])
@@ -269,7 +305,8 @@ def test_missing_and_broken_images(scene, tmp_path):
     assert all("is missing (Gone.png)" in warning for warning in gone)
     assert {w.split(":")[0] for w in arrays.warnings} == {"material 'Broken'"}
     assert not arrays.textures
-    assert [(cutout.alpha, cutout.texels) for cutout in arrays.cutouts] == [(1.0, None), (1.0, None)]
+    found = [each.seen[0] for each in arrays.opacities]
+    assert [(opacity.value, opacity.texels) for opacity in found] == [(1.0, None), (1.0, None)]
 
 
 def scene_files():
@@ -294,8 +331,9 @@ def test_every_scene_reads(path):
         if mesh.corner_normals is not None:
             lengths = np.linalg.norm(mesh.corner_normals, axis=1)
             assert np.abs(lengths - 1.0).max() < 1e-3
-    for cutout in arrays.cutouts:
-        geometry.add_material(cutout.threshold, cutout.alpha, cutout.texels)
+    for opacities in arrays.opacities:
+        opacity = opacities.seen[0]
+        geometry.add_material(opacity.threshold, opacity.value, opacity.texels)
     for instance, matrix in zip(outline.instances, arrays.matrices, strict=True):
         geometry.add_instance(instance.mesh, matrix, instance.object_id, list(instance.materials))
     assert geometry.triangle_count() == outline.triangles

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from strata.addon.core.arrays import Arrays, Cutout, MeshArrays
+from strata.addon.core.arrays import Arrays, MeshArrays, Opacities
 from strata.addon.core.effect import LayerKind
 from strata.addon.core.graph import Graph, Node, PlannedLayer, Step
 from strata.addon.core.outline import Bounds, Instance, Material, Mesh, Outline
@@ -25,7 +25,7 @@ def tilted_quad_scene() -> tuple[Outline, Arrays]:
     mesh = MeshArrays(positions, np.arange(4, dtype=np.int32), np.array([0, 4], np.int32))
     instance = Instance("Quad", 0, IDENTITY, Bounds((-2, -2, 0), (2, 2, 0.5)), 0, (0,))
     outline = Outline("Scene", "Layer", 1, (), (instance,), (Mesh("Quad", "Quad", 4, 2),), (Material("m"),))
-    return outline, Arrays((mesh,), np.array([IDENTITY]), (Cutout(),))
+    return outline, Arrays((mesh,), np.array([IDENTITY]), (Opacities(),))
 
 
 def depth_graph(outline: Outline, *extra: Node, step: Step | None = None) -> Graph:

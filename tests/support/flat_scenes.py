@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from strata.addon.core.arrays import Arrays, Cutout, MeshArrays
+from strata.addon.core.arrays import Arrays, MeshArrays, Opacities
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.outline import Bounds, Instance, Light, Material, Mesh, Outline
 
@@ -33,7 +33,7 @@ def scene_of(boxes: list[tuple], lights: list[Light], **more) -> tuple[Outline, 
         (Material("Grey"),),
         **more,
     )
-    return outline, Arrays(tuple(meshes), np.array([IDENTITY] * len(boxes)), (Cutout(),))
+    return outline, Arrays(tuple(meshes), np.array([IDENTITY] * len(boxes)), (Opacities(),))
 
 
 def lamp(place=(0.0, 0.0, 5.0), side=0.5, power=1.0) -> Light:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import bpy  # noqa: F401 (the gpu module comes with it)
 import numpy as np
 import pytest
-from strata.addon.core.arrays import Arrays, Cutout, MeshArrays
+from strata.addon.core.arrays import Arrays, MeshArrays, Opacities
 from strata.addon.core.errors import DeviceUnavailable
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.devices.gpu import GpuDevice
@@ -36,10 +36,10 @@ def triangle_mesh(triangles: np.ndarray, **more) -> MeshArrays:
     return MeshArrays(positions, corners, np.arange(0, len(positions) + 1, 3, dtype=np.int32), **more)
 
 
-OPAQUE = (Cutout(),)
+OPAQUE = (Opacities(),)
 
 
-def scene_of(meshes, instances=None, cutouts=OPAQUE):
+def scene_of(meshes, instances=None, opacities=OPAQUE):
     """An outline, as far as devices read it, and its arrays. `instances`: (mesh, matrix, object id,
     materials); one of each mesh if None."""
     if instances is None:
@@ -49,7 +49,7 @@ def scene_of(meshes, instances=None, cutouts=OPAQUE):
         for mesh, _, object_id, materials in instances
     )
     matrices = np.array([matrix for _, matrix, _, _ in instances], np.float64).reshape(-1, 4, 4)
-    return SimpleNamespace(instances=parts), Arrays(tuple(meshes), matrices, tuple(cutouts))
+    return SimpleNamespace(instances=parts), Arrays(tuple(meshes), matrices, tuple(opacities))
 
 
 def on_both(outline, arrays):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...core.arrays import Arrays, Cutout, Placed, separate_triangles
+from ...core.arrays import Arrays, Opacities, Placed, separate_triangles
 from ...core.device import Device
 from ...core.graph import Rate, Step
 from ...core.view import View
@@ -154,7 +154,7 @@ def _hull_geometry(device: Device, hull):
     matrix = np.eye(4)
     matrix[:3, 3] = hull.eye
     meshes = tuple(map(separate_triangles, triangles.values()))
-    return device.geometry_of(placed, Arrays(meshes, np.array([matrix] * len(meshes)), (Cutout(),)))
+    return device.geometry_of(placed, Arrays(meshes, np.array([matrix] * len(meshes)), (Opacities(),)))
 
 
 def _outline(device, surface, hull, *lines, view: View, colours, chunk):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from strata.addon.bake import BakeJob
-from strata.addon.core.arrays import Arrays, Cutout, MeshArrays
+from strata.addon.core.arrays import Arrays, MeshArrays, Opacities
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.outline import Bounds, Instance, Light, Material, Mesh, Outline
 from strata.addon.core.shot import Camera, Raster, Shot
@@ -47,7 +47,7 @@ def scene(*lights: Light, albedo=0.8, bar_albedo=0.05, metallic=0.0) -> tuple[Ou
         Material("Bar", base_color=(bar_albedo,) * 3, metallic=metallic),
     )
     outline = Outline("Scene", "Layer", 1, lights, tuple(instances), tuple(headers), materials)
-    return outline, Arrays(tuple(meshes), np.array([np.eye(4)] * len(quads)), (Cutout(), Cutout()))
+    return outline, Arrays(tuple(meshes), np.array([np.eye(4)] * len(quads)), (Opacities(), Opacities()))
 
 
 def baked(device, read, size=SIZE, samples=SAMPLES):

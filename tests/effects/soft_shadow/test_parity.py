@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import strata_kernels as kernels
-from strata.addon.core.arrays import Cutout
+from strata.addon.core.arrays import Opacities
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.core.surface import Chunk
 from strata.addon.core.view import View
@@ -49,7 +49,7 @@ class Courtyard:
 
     def __init__(self):
         meshes, instances = sheets_over_ground(7, (0,))
-        self.outline, self.arrays = scene_of(meshes, instances, (Cutout(), Cutout()))
+        self.outline, self.arrays = scene_of(meshes, instances, (Opacities(), Opacities()))
         self.everything = frozenset(range(len(instances)))
         (self.cpu, self.geometry), _ = on_both(self.outline, self.arrays)
         chunk = Chunk(*SIZE, 0, SIZE[1], 0, (0.0, 0.0))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from strata.addon.core.arrays import Cutout
+from strata.addon.core.arrays import Opacities
 from strata.addon.core.ramp import Ramp
 from strata.addon.core.shot import PixelFilter
 from strata.addon.core.surface import ATTRIBUTES, Chunk
@@ -48,7 +48,7 @@ class Stage:
 
     def __init__(self):
         meshes, instances = sheets_over_ground(6, (1, 2))
-        self.outline, self.arrays = scene_of(meshes, instances, (Cutout(),) * 3)
+        self.outline, self.arrays = scene_of(meshes, instances, (Opacities(),) * 3)
         (self.cpu, self.geometry), (self.gpu, self.gpu_geometry) = on_both(self.outline, self.arrays)
         self.everything = frozenset(range(len(instances)))
         self.chunk = Chunk(*SIZE, 0, SIZE[1], 0, (0.2, -0.1), 4)
