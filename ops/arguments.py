@@ -160,6 +160,8 @@ def _scene_flags(needs_scene: bool) -> argparse.ArgumentParser:
     flags.add_argument("--lights", type=names, metavar="A,B", help="only these lamps' layers")
     flags.add_argument("--camera", metavar="C", help="default: the scene's camera")
     flags.add_argument("--size", type=size, metavar="960x540", help="default: the scene's")
+    flags.add_argument("--trust-scripts", action="store_true",
+                       help="run the file's scripts and its drivers in Python")  # fmt: skip
     flags.add_argument("--rgb-layers", action="store_true", default=None,
                        help="shadows in colour, channel by channel (default: the scene's)")  # fmt: skip
     flags.add_argument("--memory", type=memory, metavar="4G",

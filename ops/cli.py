@@ -136,18 +136,21 @@ def _properties() -> Iterator[None]:
 
 
 def _open(arguments: argparse.Namespace, interrupts: Interrupts):
-    """Opens the file and chooses what of it to bake."""
+    """Opens the file and chooses what of it to bake; and what Blender says on opening it."""
     import bpy
 
     from ..addon.scene.open import choose, open_blend
 
-    if arguments.scene_file:
-        open_blend(arguments.scene_file)
-    elif not bpy.data.filepath:
+    path, said = arguments.scene_file, ()
+    if not path and not bpy.data.filepath:
         raise StrataError("no scene: give SCENE.blend")
+    if not path and arguments.trust_scripts and bpy.app.autoexec_fail:
+        path = bpy.data.filepath  # opened without them, before this command was asked
+    if path:
+        said = open_blend(path, arguments.trust_scripts)
     interrupts.check()
     frames = getattr(arguments, "frames", None)
-    return choose(arguments.scene, arguments.view_layer, arguments.camera, frames)
+    return choose(arguments.scene, arguments.view_layer, arguments.camera, frames), said
 
 
 def _lights(arguments: argparse.Namespace, chosen) -> tuple[str, ...] | None:
@@ -173,13 +176,13 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     Options(**given).chosen()  # wrong words are found before a large file is opened
     given |= {"memory_bytes": arguments.memory, "rgb_layers": arguments.rgb_layers}
     with _properties():
-        chosen = _open(arguments, interrupts)
+        chosen, said = _open(arguments, interrupts)
         given["lights"] = _lights(arguments, chosen)
         asked, camera = partial(options_of, **given), _camera(chosen)
         sequences = _sequences(arguments, chosen, asked, interrupts)
         plans = []
         for frame in chosen.frames:
-            warnings = list(filter(None, [chosen.outside([frame])]))
+            warnings = [*said, *filter(None, [chosen.outside([frame])])]
             for view_layer in chosen.view_layers:
                 interrupts.check()
                 read = read_plan(chosen.scene, view_layer, asked, frame, camera, arguments.size)
@@ -233,7 +236,7 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     read_outputs(arguments, frames, _scene_path(arguments))
     _check_targets(arguments, frames)
     with _properties():
-        chosen = _open(arguments, interrupts)
+        chosen, arguments.said = _open(arguments, interrupts)
         arguments.exr = exr_of(chosen.scene, **exr_values(arguments))
         check_codec(arguments.exr)
         given["lights"] = _lights(arguments, chosen)
@@ -316,7 +319,8 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
     from .planning import nothing_to_bake, room_warning
 
     where = chosen.scene, view_layer, options_of, frame, _camera(chosen), arguments.size
-    job = read_job(*where, sequence=sequence, warnings=[*filter(None, [chosen.outside([frame])])])
+    warnings = [*arguments.said, *filter(None, [chosen.outside([frame])])]
+    job = read_job(*where, sequence=sequence, warnings=warnings)
     baked, reason = None, nothing_to_bake(job.graph, sequence)
     if reason is None:
         path = arguments.output.path(frame)

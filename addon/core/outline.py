@@ -319,7 +319,8 @@ class Outline:
     far a place in the world is from an instance's triangles, or `most_m` if none is nearer, once the arrays
     are there; `version` counts changes of what is in the scene while it is watched, as in a viewport;
     `world_light` is the name of a world that sends light; `stamp` is what Blender says of the picture in the
-    header of a render."""
+    header of a render; `unknown` are those of `warnings` that tell of something whose extent nobody knows, so
+    that no error found in the picture has an upper end."""
 
     scene_name: str
     view_layer_name: str
@@ -337,6 +338,7 @@ class Outline:
     world_medium: Medium | None = None
     world_light: str = ""
     stamp: dict[str, str] = field(default_factory=dict, compare=False)
+    unknown: tuple[str, ...] = ()
 
     def __post_init__(self):
         if not isinstance(self.instances, Instances):

@@ -5,9 +5,12 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import re
 import sys
+import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import BinaryIO
 
 import bpy
 
@@ -15,6 +18,10 @@ from ..core.errors import StrataError
 
 # Plain, and compressed by Zstandard (Blender 3.0 and later) or gzip (before).
 _MAGIC = (b"BLENDER", b"\x28\xb5\x2f\xfd", b"\x1f\x8b")
+
+
+# Blender shows Python the engine that stands in, and tells a terminal only whose place it takes.
+_UNKNOWN_ENGINE = re.compile(r"Engine '([^'\n]*)' not available for scene '([^\n]*)' \(")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +50,10 @@ class Chosen:
         return f"{which} outside scene '{self.scene.name}', which runs from {start} to {end}"
 
 
-def open_blend(path: str | os.PathLike) -> None:
-    """Opens a file without running its scripts. Raises StrataError for what cannot be read; what was open
-    before then stays open."""
+def open_blend(path: str | os.PathLike, trusts_scripts: bool = False) -> tuple[str, ...]:
+    """Opens a file, without running its scripts and drivers in Python unless `trusts_scripts`. Returns what
+    Blender says on opening only. Raises StrataError for what cannot be read; what was open before then stays
+    open."""
     path = os.path.abspath(path)
     if os.path.exists(path) and not os.path.isfile(path):
         raise StrataError(f"cannot read '{path}': it is not a file")  # a pipe would never end
@@ -57,11 +65,19 @@ def open_blend(path: str | os.PathLike) -> None:
     if not start.startswith(_MAGIC):
         raise StrataError(f"'{path}' is not a Blender file")
     try:
-        with _silent():
-            bpy.ops.wm.open_mainfile(filepath=path, load_ui=False, use_scripts=False)
+        with _silent() as said:
+            bpy.ops.wm.open_mainfile(filepath=path, load_ui=False, use_scripts=trusts_scripts)
+            said.seek(0)
+            engines = _UNKNOWN_ENGINE.findall(said.read().decode(errors="replace"))
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[-1].rpartition(": ")[2]
         raise StrataError(f"cannot read '{path}': {reason}") from None
+    return tuple(
+        f"scene '{scene}': render engine '{engine}' is not there, it is read as for "
+        f"{bpy.data.scenes[scene].render.engine}"
+        for engine, scene in engines
+        if scene in bpy.data.scenes
+    )
 
 
 def choose(
@@ -108,16 +124,15 @@ def _named(collection, name: str, what: str, where: str):
 
 
 @contextlib.contextmanager
-def _silent() -> Iterator[None]:
-    """Turns standard output away: an operator tells its errors to Python's, and Blender's log goes past it to
-    the file descriptors."""
+def _silent() -> Iterator[BinaryIO]:
+    """Turns standard output away, into a file: an operator tells its errors to Python's, and Blender's log
+    goes past it to the file descriptors."""
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.flush()
     with contextlib.ExitStack() as stack:
         stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        stack.callback(os.close, nowhere)
+        said = stack.enter_context(tempfile.TemporaryFile())
         for descriptor in (1, 2):
             try:
                 kept = os.dup(descriptor)
@@ -125,5 +140,5 @@ def _silent() -> Iterator[None]:
                 continue
             stack.callback(os.close, kept)
             stack.callback(os.dup2, kept, descriptor)
-            os.dup2(nowhere, descriptor)
-        yield
+            os.dup2(said.fileno(), descriptor)
+        yield said

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -15,11 +15,13 @@ from ..core.errors import StrataError
 from ..core.outline import Bounds, Instance, Light, Material, Mesh, Outline
 from ..core.shot import Camera, Raster, Shot
 from .cameras import camera_of, camera_warnings, frame_size_of, pixel_filter_of, region_of
+from .displacement import displacing_node
 from .edit_mode import edited_mesh, is_edited, sculpted_modifiers, unseen_modifiers
 from .lamp_names import LampNames
 from .light_linking import linked_objects
 from .lights import light_of
 from .materials import Images, default_material, material_of
+from .missing import Missing, missing_parts, named
 from .own_settings import own_settings_of
 from .render_depsgraph import engine_of
 from .simulations import unbaked_simulations
@@ -29,11 +31,12 @@ from .volumes import volume_of
 from .world_light import gives_light
 
 # Types that would render but are not read; all others without a mesh (empties, armatures, ...) never render.
+# What is assumed instead, and whether a picture may hang on it.
 _NOT_READ = {
-    "VOLUME": "volumes are",
-    "CURVES": "hair curves are",
-    "POINTCLOUD": "point clouds are",
-    "GREASEPENCIL": "grease pencil is",
+    "VOLUME": ("volumes are not read, what it takes of light and adds is missing", True),
+    "CURVES": ("hair curves are not read, their shadow is missing", True),
+    "POINTCLOUD": ("point clouds are not read, their shadow is missing", True),
+    "GREASEPENCIL": ("grease pencil is not read, Blender draws it over the picture", False),
 }
 
 
@@ -123,7 +126,8 @@ class _Scanner:
     light_objects: list[tuple[bpy.types.Object, bpy.types.Object]] = field(default_factory=list)
     shown: dict[int, bool] = field(default_factory=dict)
     edited_meshes: dict[int, bpy.types.Mesh] = field(default_factory=dict)
-    warnings: dict[str, None] = field(default_factory=dict)
+    displacing: dict[int, tuple[str, str]] = field(default_factory=dict)
+    warnings: dict[str, bool] = field(default_factory=dict)
 
     def run(self) -> Scan:
         scene = self.depsgraph.scene_eval
@@ -144,7 +148,8 @@ class _Scanner:
             elif shown.type == "LIGHT":
                 self._light(instance, shown)
             elif shown.type in _NOT_READ:
-                self._warn(f"object '{shown.name}': {_NOT_READ[shown.type]} not read")
+                assumed, is_unknown = _NOT_READ[shown.type]
+                self._warn(f"object '{shown.name}': {assumed}", is_unknown)
         if self.depsgraph.mode == "RENDER":
             for warning in unbaked_simulations(self.depsgraph):
                 self._warn(warning)
@@ -154,6 +159,8 @@ class _Scanner:
             for warning in warnings:
                 self._warn(warning)
         instances = self._finished_instances()
+        for part in [*self._displaced(), *missing_parts(self.depsgraph)]:
+            self._warn(part.line, part.of_unknown_extent)
         outline = Outline(
             scene_name=scene.name,
             view_layer_name=self.depsgraph.view_layer.name,
@@ -164,6 +171,7 @@ class _Scanner:
             materials=tuple(self.materials),
             images=tuple(self.images.headers),
             warnings=tuple(self.warnings),
+            unknown=tuple(line for line, is_unknown in self.warnings.items() if is_unknown),
             working_space=bpy.data.colorspace.working_space,
             exposure=2.0**scene.view_settings.exposure,
             world_medium=world_medium,
@@ -190,8 +198,16 @@ class _Scanner:
             self.shown[owner.session_uid] = self.options.shows(owner)
         return self.shown[owner.session_uid]
 
-    def _warn(self, warning: str) -> None:
-        self.warnings[warning] = None
+    def _warn(self, warning: str, of_unknown_extent: bool = False) -> None:
+        self.warnings[warning] = of_unknown_extent or self.warnings.get(warning, False)
+
+    def _displaced(self) -> Iterator[Missing]:
+        """Of materials that move what they are on."""
+        for index, (material, node) in self.displacing.items():
+            objects = named((each["name"] for each in self.instances if index in each["materials"]), "object")
+            if objects:
+                line = f"material '{material}' of {objects}: displacement by node '{node}' is not read"
+                yield Missing(f"{line}, shapes and shadows are taken without it", True)
 
     # Meshes
 
@@ -296,6 +312,8 @@ class _Scanner:
             self.materials.append(replace(read, own_settings=own_settings_of(material, "Material")))
             for warning in warnings:
                 self._warn(warning)
+            if material is not None and (node := displacing_node(material)) is not None:
+                self.displacing[index] = material.name_full, node
         return index
 
     def _note_hair(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> None:
@@ -303,7 +321,7 @@ class _Scanner:
             system.settings.type == "HAIR" and system.settings.render_type == "PATH"
             for system in shown.particle_systems
         ):
-            self._warn(f"object '{shown.name}': hair is not read")
+            self._warn(f"object '{shown.name}': hair is not read, its shadow is missing", True)
 
     def _finished_instances(self) -> tuple[Instance, ...]:
         """Without those whose matrix cannot be used; `objects` stays in step."""

@@ -67,6 +67,20 @@ def test_other_words():
             parse(text)
 
 
+def test_scripts_run_where_they_are_trusted(tmp_path):
+    """A shell gets the file's scripts and drivers by a word of its own."""
+    path = tmp_path / "driven.blend"
+    make = (
+        "import bpy, sys\n"
+        "curve = bpy.data.objects['Cube'].driver_add('location', 2)\n"
+        "curve.driver.type, curve.driver.expression = 'SCRIPTED', 'len(str(5))'\n"
+        "bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])\n"
+    )
+    subprocess.run([sys.executable, "-c", make, str(path)], check=True, capture_output=True)
+    plans = [json.loads(strata("plan", path, "--json", *more).stdout) for more in ((), ("--trust-scripts",))]
+    assert [any("did not run" in line for line in plan["warnings"]) for plan in plans] == [True, False]
+
+
 # Complaints: exit code 2, one line on stderr, nothing on stdout, no file
 
 

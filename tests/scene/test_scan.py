@@ -113,11 +113,15 @@ def test_what_is_not_read_is_named(scene):
     outline, _ = read(scene)
     assert names(outline) == ["Hairy"]
     assert sorted(outline.warnings) == [
-        "object 'Curves': hair curves are not read",
-        "object 'Hairy': hair is not read",
-        "object 'Stroke': grease pencil is not read",
-        "object 'Volume': volumes are not read",
+        "object 'Curves': hair curves are not read, their shadow is missing",
+        "object 'Hairy': hair is not read, its shadow is missing",
+        "object 'Stroke': grease pencil is not read, Blender draws it over the picture",
+        "object 'Volume': volumes are not read, what it takes of light and adds is missing",
     ]
+    assert (
+        "object 'Volume': volumes are not read, what it takes of light and adds is missing" in outline.unknown
+    )
+    assert not any("Stroke" in line for line in outline.unknown)
 
 
 def test_what_blurs_the_picture_and_no_layer_is_named(scene):
