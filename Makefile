@@ -34,7 +34,7 @@ test: setup
 
 # The same in parts, as CI runs it.
 test-unit: setup
-	$(PYTHON) -m pytest $(addprefix tests/,core kernels measure scene layers ui preview ops scripts)
+	$(PYTHON) -m pytest $(addprefix tests/,core kernels measure scene layers audit ui preview ops scripts)
 
 test-devices: setup
 	$(PYTHON) -m pytest $(addprefix tests/,devices effects bake engine)

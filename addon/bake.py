@@ -105,6 +105,10 @@ class BakeJob:
     def needs_main_thread(self) -> bool:
         return self.devices.primary.name == "gpu"
 
+    @property
+    def is_cancelled(self) -> bool:
+        return self.devices.fallback.cancel_flag.is_set()
+
     def cancel(self) -> None:
         """From any thread; `advance` then raises Cancelled."""
         self.devices.fallback.cancel_flag.set()

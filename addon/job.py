@@ -13,12 +13,14 @@ POLL_SECONDS = 0.05
 
 class Runner:
     """A job on a worker thread, or in slices on this thread where the device needs it (a GPU context belongs
-    to the main thread). `finish(baked)`, to write files, is always called on a worker thread. `step` and
-    `stop` are to be called from the thread that made the runner."""
+    to the main thread). `finish(baked)`, to write files, is always called on a worker thread; what it
+    returns, if anything, is the result. `step` and `stop` are to be called from the thread that made the
+    runner."""
 
-    def __init__(self, job: BakeJob, finish: Callable[[Baked], None] | None = None):
+    def __init__(self, job: BakeJob, finish: Callable[[Baked], Baked | None] | None = None):
         self.job = job
         self._finish = finish
+        self._result: Baked | None = None
         self._failure: BaseException | None = None
         self._thread = None if job.needs_main_thread else self._started_thread()
 
@@ -30,8 +32,8 @@ class Runner:
     def _work(self) -> None:
         try:
             baked = self.job.result()
-            if self._finish:
-                self._finish(baked)
+            finished = self._finish(baked) if self._finish else None
+            self._result = finished or baked
         except BaseException as failure:  # a panic of the kernels is no Exception
             self._failure = failure
 
@@ -46,7 +48,7 @@ class Runner:
             return None
         if self._failure is not None:
             raise self._failure
-        return self.job.result()
+        return self._result
 
     def cancel(self) -> None:
         """Asks the bake to stop; the next `step` that finds it stopped raises Cancelled."""
@@ -61,7 +63,7 @@ class Runner:
 
 def run_to_end(
     job: BakeJob,
-    finish: Callable[[Baked], None] | None = None,
+    finish: Callable[[Baked], Baked | None] | None = None,
     show: Callable[[float, str, float | None], None] | None = None,
 ) -> Baked:
     """Bakes and finishes, telling `show` the share done, the stage and the seconds left (None: not known).

@@ -127,6 +127,8 @@ def build_parser(needs_scene: bool) -> Parser:
                       help="to measure the error at (default: the scene's, or 15%% of the time)")  # fmt: skip
     bake.add_argument("--error-images", action="store_true", default=None,
                       help="beside each measured layer how far it is off at each pixel; slow")  # fmt: skip
+    bake.add_argument("--audit", action="store_true",
+                      help="hold lamps' layers against Cycles at some thousand pixels")  # fmt: skip
     bake.add_argument(
         "--seed", type=whole_number(0, 0xFFFFFFFF), default=0, metavar="N", help="of the random numbers"
     )

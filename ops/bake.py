@@ -7,6 +7,7 @@ from functools import partial
 
 import bpy
 
+from ..addon.audit.audit import audited, kept_scene
 from ..addon.bake import Baked, BakeJob, read_job
 from ..addon.core.errors import Cancelled, one_line, sentence
 from ..addon.job import Runner, run_to_end
@@ -105,6 +106,7 @@ class STRATA_OT_bake(bpy.types.Operator):
         self._scene_id, self._scene_name = scene.session_uid, scene.name
         self._warnings, self._not_written = (), ""  # of the file
         self._packed: tuple[bytes, ...] = ()
+        self._kept_scene = None
         self._wants_images = scene.strata.save_to != "FILE"
         self._waits = not self.filepath and waits_for_saving(scene)
         has_file = self.filepath or not (self._waits or scene.strata.save_to == "IMAGES")
@@ -126,11 +128,17 @@ class STRATA_OT_bake(bpy.types.Operator):
             return None
         if self._path and (warning := room_warning(self._path, job, self._exr)):
             self.report({"WARNING"}, warning)
+        if scene.strata.audit:
+            self._kept_scene = kept_scene(scene, context.view_layer)
         return job
 
-    def _write(self, baked: Baked) -> None:
+    def _write(self, baked: Baked) -> Baked:
         """On the worker thread: nothing of Blender may be touched here. A file that cannot be written
         costs no layer: all go to images then."""
+        if self._kept_scene is not None and baked.layers.layers:
+            job, job.stage = self._job, "Auditing"
+            with self._kept_scene as kept:
+                baked = audited(baked, kept, job.outline, job.graph, lambda: job.is_cancelled)
         if self._path and baked.layers.layers:
             try:
                 self._warnings = write_layers(self._path, baked.layers, self._exr, baked.composite)
@@ -138,6 +146,7 @@ class STRATA_OT_bake(bpy.types.Operator):
                 self._not_written = one_line(error)
         if self._wants_images or self._not_written:
             self._packed = packed(baked.layers)
+        return baked
 
     def _finished(self, baked: Baked):
         if not baked.layers.layers:

@@ -335,6 +335,8 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
         try:
             interrupts.check()
             baked = run_to_end(job, show=show)
+            if arguments.audit:
+                baked = _audited(baked, job, arguments, chosen.scene, view_layer, interrupts, progress)
         finally:
             progress.clear()
         reason = nothing_to_bake(job.graph, sequence)  # a closer look may leave out what boxes could not
@@ -344,6 +346,18 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
     if not arguments.quiet:
         print(f"strata: {title}: {reason}", file=sys.stderr)
     return None
+
+
+def _audited(baked, job, arguments, scene, view_layer, interrupts: Interrupts, progress: Progress):
+    """The same bake, held against Cycles."""
+    from ..addon.audit.audit import audited, kept_scene
+
+    def show(share: float) -> None:
+        interrupts.check()
+        progress.show(share, "Auditing", None)
+
+    with kept_scene(scene, view_layer) as kept:
+        return audited(baked, kept, job.outline, job.graph, show=show)
 
 
 def _write(arguments: argparse.Namespace, frame: int, bakes: list) -> None:

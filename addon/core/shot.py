@@ -116,6 +116,13 @@ class Raster:
         frame[y0:y1, x0:x1] = image
         return frame
 
+    def computed(self, image: np.ndarray) -> np.ndarray:
+        """Of an image (height, width[, channels]) of the frame what was computed."""
+        if image.shape[1::-1] == self.computed_size:
+            return image
+        x0, y0, x1, y1 = self.region
+        return image[y0:y1, x0:x1]
+
 
 @dataclass(frozen=True)
 class Chart:

@@ -35,7 +35,11 @@ class PartHeader:
 
 @dataclass(frozen=True)
 class ExrHeader:
+    """`end`: bytes before the table of where the pixels are."""
+
     parts: tuple[PartHeader, ...]
+    is_multi_part: bool = False
+    end: int = 0
 
     @cached_property
     def passes(self) -> dict[str, set[str]]:
@@ -92,9 +96,10 @@ def _read(path: Path, modified: int, size: int) -> ExrHeader:
                 parts.append(part)
             if parts[0] is None:
                 raise ValueError
+            end = stream.tell()
         except (ValueError, KeyError, struct.error):
             raise StrataError(f"{path} is no OpenEXR file") from None
-    return ExrHeader(tuple(parts))
+    return ExrHeader(tuple(parts), bool(version & _MULTI_PART), end)
 
 
 def _part(stream: BinaryIO) -> PartHeader | None:

@@ -102,7 +102,8 @@ class LayerReport:
     seen; `words`: what a person is told of it, if anything; `joins`: not so where the picture takes the same
     from another effect; `role`: what it is to the picture (core/roles.py), and `pass_name` that of the lamp
     that it is of, which the compositor's nodes are built from; `error_image`: the name of that
-    beside it, empty where there is none."""
+    beside it, empty where there is none; `audit`: what Cycles says of it (audit/score.py), where it was
+    asked."""
 
     name: str
     effect: str
@@ -119,6 +120,7 @@ class LayerReport:
     role: str = ""
     pass_name: str = ""
     error_image: str = ""
+    audit: Any = None
 
     def to_json(self) -> dict[str, Any]:
         plain = {key: rounded(item) if isinstance(item, float) else item for key, item in vars(self).items()}
@@ -132,7 +134,9 @@ class LayerReport:
             del plain["joins"]
         if not self.error_image:
             del plain["error_image"]
-        del plain["verdict"], plain["lowered_by"], plain["words"]
+        del plain["verdict"], plain["lowered_by"], plain["words"], plain["audit"]
+        if self.audit is not None:
+            plain["audit"] = self.audit.to_json()
         if self.verdict:
             plain |= {"verdict": self.verdict, "lowered_by": list(self.lowered_by)}
         return plain
@@ -343,7 +347,8 @@ def _layer_rows(report: Report) -> list[list[str]]:
 def _notes(layer: LayerReport) -> list[str]:
     if isinstance(layer.error, NotMeasured):
         return wrapped(layer.error.why, f"  {layer.name} is not measured: ")
-    return wrapped(layer.words, f"  {layer.name}: ") if layer.words else []
+    told = [layer.words, layer.audit.words if layer.audit else ""]
+    return [line for words in filter(None, told) for line in wrapped(words, f"  {layer.name}: ")]
 
 
 def _step_rows(report: Report) -> list[list[str]]:

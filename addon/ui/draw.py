@@ -24,6 +24,8 @@ from .state import STATE, PlanRow
 
 LETTER_PIXELS = 7.2  # of the interface's font at scale 1, on average
 COMPOSITE = "Composite"
+_BAKED = ("backend", "samples", "weight", "rgb_layers")
+_MEASURED = ("probes", "error_images", "audit")
 _LIGHT_ICONS = {"POINT": "LIGHT_POINT", "SUN": "LIGHT_SUN", "SPOT": "LIGHT_SPOT", "AREA": "LIGHT_AREA"}
 
 
@@ -110,7 +112,7 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
     settings = context.scene.strata
     column = layout.column()
     column.active = not STATE.is_baking
-    for name in ("backend", "samples", "weight", "rgb_layers", "probes", "error_images", "memory_gb"):
+    for name in (*_BAKED, *_MEASURED, "memory_gb"):
         row = column.row()
         row.active = name != "error_images" or settings.probes > 0
         row.prop(settings, name)
@@ -339,9 +341,11 @@ def _layer_result(layout: bpy.types.UILayout, context, layer: dict, numbers: dic
     elif error:
         column = layout.column()
         column.active = False
-        text(
-            column, context, f"{layer.get('verdict', '')} (95% sure: {interval_words(*error.ci95)})", "BLANK1"
-        )
+        sure = f"95% sure: {interval_words(*error.ci95)}"
+        text(column, context, f"{layer.get('verdict', '')} ({sure})", "BLANK1")
+    if found := layer.get("audit"):
+        words = f"Cycles: off by {percent(found['value'])} ({interval_words(*found['ci95'])})"
+        text(layout, context, words, "BLANK1")
 
 
 def _result_row(layout, error: str, seconds: str, is_active: bool = True) -> bpy.types.UILayout:

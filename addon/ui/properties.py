@@ -232,6 +232,12 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
             "pixel, as a share of the brightness there. Rays at every pixel: often slower than the bake",
             default=False,
         ),
+        "audit": bpy.props.BoolProperty(
+            name="Audit",
+            description="After a bake, another Blender renders some thousand pixels with Cycles, and the "
+            "report says how far lamps' layers are from them: what Strata reads otherwise shows there",
+            default=False,
+        ),
         "memory_gb": bpy.props.FloatProperty(
             name="Memory (GB)",
             description="What a bake may take beside Blender itself. Lamps are worked off in groups that "

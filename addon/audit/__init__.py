@@ -1,0 +1,1 @@
+"""Layers held against Cycles itself, which reads the scene in its own way."""
