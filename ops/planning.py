@@ -78,6 +78,7 @@ def described_plan(
         "surface_attributes": sorted(frozenset().union(*graph.surfaces.values())),
         "instances_read": len(graph.instances),
         "instances": len(outline.instances),
+        "triangles_read": sum(outline.meshes[outline.instances[i].mesh].triangles for i in graph.instances),
         "left_out": [asdict(entry) for entry in graph.left_out],
         "warnings": [*warnings, *outline.warnings, *([memory.shortage] if memory.shortage else [])],
         "memory": {"sentence": memory.sentence, **memory.to_json()},
@@ -96,6 +97,8 @@ def plan_lines(plan: dict[str, Any]) -> Iterator[str]:
     for entry in plan["left_out"]:
         yield f"left out: {entry['what']}: {entry['reason']}"
     if plan["layers"]:
+        read = f"{plan['instances_read']:,} of {plan['instances']:,} instances"
+        yield f"geometry: {read}, {plan['triangles_read']:,} triangles"
         yield plan["memory"]["sentence"]
     for warning in plan["warnings"]:
         yield f"warning: {warning}"

@@ -11,6 +11,7 @@ import numpy as np
 from ..core.arrays import OPAQUE, Arrays, MeshArrays, Opacities, OpacityArrays
 from ..core.outline import Opacity, Outline
 from .corner_values import corner_opacity
+from .made_mesh import MadeMesh
 from .pixels import channel_of, pixels_of
 from .scan import Scan
 from .vertex_values import vertex_values
@@ -63,7 +64,9 @@ def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[in
     return Arrays(meshes, matrices, _opacities(outline, textures), textures, tuple(warnings))
 
 
-def _values(mesh: bpy.types.Mesh, owner: str, names: list[str]) -> dict[str, np.ndarray]:
+def _values(mesh: bpy.types.Mesh | MadeMesh, owner: str, names: list[str]) -> dict[str, np.ndarray]:
+    if not isinstance(mesh, bpy.types.Mesh):
+        return {}
     found = {name: vertex_values(mesh, owner, name) for name in names}
     return {name: values for name, values in found.items() if values is not None}
 
@@ -93,9 +96,14 @@ def _sums_up(values: np.ndarray) -> bool:
 
 
 def _mesh_arrays(
-    mesh: bpy.types.Mesh, want_normals: bool, want_uv: bool, owner: str, warnings: list[str]
+    mesh: bpy.types.Mesh | MadeMesh, want_normals: bool, want_uv: bool, owner: str, warnings: list[str]
 ) -> MeshArrays:
     """Corners are read by `attributes[...]`: `loops` goes element by element, a hundred times as long."""
+    if not isinstance(mesh, bpy.types.Mesh):
+        made = mesh.arrays(want_normals, want_uv)
+        if want_uv and made.corner_uvs is None:
+            warnings.append(f"object '{owner}': it has no UV map, its textures are read at one point")
+        return made
     corner_count = len(mesh.loops)
     positions = _read(mesh.attributes["position"].data, "vector", np.float32, len(mesh.vertices), 3)
     if not _sums_up(positions):

@@ -6,38 +6,41 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import bpy
 import numpy as np
 
 from ..core.errors import StrataError
-from ..core.outline import Bounds, Instance, Light, Material, Mesh, Outline
+from ..core.outline import Bounds, Instance, Material, Mesh, Outline
 from ..core.shot import Camera, Raster, Shot
 from .cameras import camera_of, camera_warnings, frame_size_of, pixel_filter_of, region_of
 from .displacement import displacing_node
 from .edit_mode import edited_mesh, is_edited, sculpted_modifiers, unseen_modifiers
-from .lamp_names import LampNames
-from .light_linking import linked_objects
-from .lights import light_of
+from .hair import curves_mesh, hair_systems, is_splats, particle_hair_mesh, points_mesh
+from .made_mesh import MadeMesh
 from .materials import Images, default_material, material_of
 from .missing import Missing, missing_parts, named
 from .own_settings import own_settings_of
 from .render_depsgraph import engine_of
+from .scanned_lamps import ScannedLamps
 from .simulations import unbaked_simulations
 from .stamp import stamp_of
 from .transforms import are_usable
 from .volumes import volume_of
 from .world_light import gives_light
 
+_READ = ("MESH", "CURVES", "POINTCLOUD")
+
 # Types that would render but are not read; all others without a mesh (empties, armatures, ...) never render.
 # What is assumed instead, and whether a picture may hang on it.
 _NOT_READ = {
     "VOLUME": ("volumes are not read, what it takes of light and adds is missing", True),
-    "CURVES": ("hair curves are not read, their shadow is missing", True),
-    "POINTCLOUD": ("point clouds are not read, their shadow is missing", True),
     "GREASEPENCIL": ("grease pencil is not read, Blender draws it over the picture", False),
 }
+
+
+Data = bpy.types.Mesh | bpy.types.Curves | bpy.types.PointCloud | bpy.types.ParticleSystemModifier
+"""What an object shows a shape of: its data, or its hair."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,7 @@ class Scan:
 
     outline: Outline
     shot: Shot
-    mesh_sources: tuple[bpy.types.Mesh, ...]
+    mesh_sources: tuple[bpy.types.Mesh | MadeMesh, ...]
     image_sources: tuple[bpy.types.Image, ...]
     mesh_owners: tuple[int, ...] = ()
     instance_owners: tuple[int, ...] = ()
@@ -110,20 +113,18 @@ class _Scanner:
     materials: list[Material] = field(default_factory=list)
     material_indices: dict[int, int] = field(default_factory=dict)
     meshes: list[Mesh] = field(default_factory=list)
-    mesh_sources: list[bpy.types.Mesh] = field(default_factory=list)
+    mesh_sources: list[bpy.types.Mesh | MadeMesh] = field(default_factory=list)
     mesh_owners: list[int] = field(default_factory=list)
     instance_owners: list[int] = field(default_factory=list)
-    light_owners: list[int] = field(default_factory=list)
     mesh_bounds: list[np.ndarray] = field(default_factory=list)
-    mesh_indices: dict[int, int] = field(default_factory=dict)
+    mesh_indices: dict[int, int | None] = field(default_factory=dict)
     mesh_keys: dict[str, int] = field(default_factory=dict)
     appearances: dict[tuple, dict | None] = field(default_factory=dict)
     instances: list[dict] = field(default_factory=list)
     matrices: list[tuple[float, ...]] = field(default_factory=list)
     objects: list[bpy.types.Object] = field(default_factory=list)
     object_ids: dict[int, int] = field(default_factory=dict)
-    lights: list[Light] = field(default_factory=list)
-    light_objects: list[tuple[bpy.types.Object, bpy.types.Object]] = field(default_factory=list)
+    lamps: ScannedLamps = field(default_factory=ScannedLamps)
     shown: dict[int, bool] = field(default_factory=dict)
     edited_meshes: dict[int, bpy.types.Mesh] = field(default_factory=dict)
     displacing: dict[int, tuple[str, str]] = field(default_factory=dict)
@@ -141,16 +142,15 @@ class _Scanner:
             shown = instance.object
             if not self._is_shown(instance, shown):
                 continue
-            if shown.type == "MESH":
-                if instance.show_self:
-                    self._mesh(instance, shown)
-                self._note_hair(instance, shown)
+            if shown.type in _READ:
+                self._shapes(instance, shown)
             elif shown.type == "LIGHT":
-                self._light(instance, shown)
+                for warning in self.lamps.add(instance, shown):
+                    self._warn(warning)
             elif shown.type in _NOT_READ:
                 assumed, is_unknown = _NOT_READ[shown.type]
                 self._warn(f"object '{shown.name}': {assumed}", is_unknown)
-        if self.depsgraph.mode == "RENDER":
+        if self.is_render:
             for warning in unbaked_simulations(self.depsgraph):
                 self._warn(warning)
         world, world_medium = scene.world, None
@@ -165,7 +165,7 @@ class _Scanner:
             scene_name=scene.name,
             view_layer_name=self.depsgraph.view_layer.name,
             frame=scene.frame_current,
-            lights=tuple(self._linked(light, *pair) for light, pair in self._lights_with_objects()),
+            lights=self.lamps.linked(self.objects),
             instances=instances,
             meshes=tuple(self.meshes),
             materials=tuple(self.materials),
@@ -187,8 +187,12 @@ class _Scanner:
             tuple(self.images.sources),
             tuple(self.mesh_owners),
             tuple(self.instance_owners),
-            tuple(self.light_owners),
+            tuple(self.lamps.owners),
         )
+
+    @property
+    def is_render(self) -> bool:
+        return self.depsgraph.mode == "RENDER"
 
     def _is_shown(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> bool:
         if self.options.shows is None:
@@ -211,14 +215,27 @@ class _Scanner:
 
     # Meshes
 
-    def _mesh(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> None:
+    def _shapes(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> None:
+        if instance.show_self:
+            data = self._mesh_of(shown) if shown.type == "MESH" else shown.data
+            self._shape(instance, shown, data)
+        if shown.type == "MESH" and instance.show_particles:
+            for modifier in hair_systems(shown, self.is_render):
+                self._shape(instance, shown, modifier)
+
+    def _shape(
+        self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object, data: Data
+    ) -> None:
         owner = instance.parent if instance.is_instance else shown
-        mesh, original = self._mesh_of(shown), shown.original
+        original = shown.original
         # All that instances have in common but the matrix; scenes with many have few different ones.
-        key = (original.session_uid, owner.original.session_uid, mesh.as_pointer())
+        key = (original.session_uid, owner.original.session_uid, data.as_pointer())
         if key not in self.appearances:
-            has_faces = len(mesh.polygons) > 0
-            self.appearances[key] = self._appearance(instance, shown, owner, mesh) if has_faces else None
+            index = self._mesh_index(shown, data)
+            has_faces = index is not None
+            self.appearances[key] = (
+                self._appearance(instance, shown, owner, data, index) if has_faces else None
+            )
         appearance = self.appearances[key]
         if appearance is not None:
             matrix = instance.matrix_world
@@ -229,7 +246,7 @@ class _Scanner:
 
     def _mesh_of(self, shown: bpy.types.Object) -> bpy.types.Mesh:
         if not is_edited(shown):
-            if self.depsgraph.mode == "VIEWPORT":
+            if not self.is_render:
                 for name in sculpted_modifiers(shown.original):
                     self._warn(
                         f"object '{shown.name}' is in Sculpt Mode: the preview shows it without '{name}', "
@@ -239,22 +256,26 @@ class _Scanner:
         original = shown.original
         if original.session_uid not in self.edited_meshes:
             self.edited_meshes[original.session_uid] = edited_mesh(shown)
-            if unseen := unseen_modifiers(original, self.depsgraph.mode == "RENDER"):
+            if unseen := unseen_modifiers(original, self.is_render):
                 names = ", ".join(f"'{name}'" for name in unseen)
                 self._warn(f"object '{original.name}' is in Edit Mode: shown without its modifiers {names}")
         return self.edited_meshes[original.session_uid]
 
     def _appearance(
-        self, instance, shown: bpy.types.Object, owner: bpy.types.Object, mesh: bpy.types.Mesh
+        self, instance, shown: bpy.types.Object, owner: bpy.types.Object, data: Data, mesh: int
     ) -> dict:
         view_layer = self.depsgraph.view_layer_eval
         indirect_only = owner.indirect_only_get(view_layer=view_layer)
-        slots = self._slot_materials(instance, shown, mesh)
+        if isinstance(data, bpy.types.Modifier):  # hair has the one of its emitter's that it says
+            slots = self._slot_materials(instance, shown, shown.data)
+            slots = (slots[min(data.particle_system.settings.material, len(slots)) - 1],)
+        else:
+            slots = self._slot_materials(instance, shown, data)
         materials = [self.materials[slot] for slot in slots]
         is_surface = any(material.has_surface for material in materials)
         return {
             "name": shown.name,
-            "mesh": self._mesh_index(shown, mesh),
+            "mesh": mesh,
             "object_id": self.object_ids.setdefault(shown.original.session_uid, len(self.object_ids)),
             "materials": slots,
             "visible_camera": is_surface
@@ -267,28 +288,49 @@ class _Scanner:
             "own_settings": own_settings_of(shown, "Object"),
         }
 
-    def _mesh_index(self, shown: bpy.types.Object, mesh: bpy.types.Mesh) -> int:
-        pointer = mesh.as_pointer()
-        index = self.mesh_indices.get(pointer)
-        if index is not None:
-            return index
-        index = self.mesh_indices[pointer] = len(self.meshes)
-        # The same from one evaluation to the next, unlike pointers.
-        name = f"{shown.original.name_full}/{mesh.name_full}"
-        count = self.mesh_keys[name] = self.mesh_keys.get(name, 0) + 1
-        triangles = len(mesh.loops) - 2 * len(mesh.polygons)
-        self.meshes.append(Mesh(mesh.name, f"{name}#{count}", len(mesh.vertices), triangles))
-        self.mesh_sources.append(mesh)
-        self.mesh_owners.append(shown.original.session_uid)
-        box = np.array([corner[:] for corner in shown.bound_box], np.float64)
-        if not np.isfinite(box).all():
-            box = _finite_positions(mesh)
-        self.mesh_bounds.append(np.array([box.min(axis=0), box.max(axis=0)]))
-        return index
+    def _mesh_index(self, shown: bpy.types.Object, data: Data) -> int | None:
+        """None where it has no faces."""
+        pointer = data.as_pointer()
+        if pointer not in self.mesh_indices:
+            source = self._mesh_source(shown, data)
+            self.mesh_indices[pointer] = None if source is None else self._add_mesh(shown, data, source)
+        return self.mesh_indices[pointer]
 
-    def _slot_materials(self, instance, shown: bpy.types.Object, mesh: bpy.types.Mesh) -> tuple[int, ...]:
+    def _mesh_source(self, shown: bpy.types.Object, data: Data) -> bpy.types.Mesh | MadeMesh | None:
+        scene = self.depsgraph.scene_eval
+        if isinstance(data, bpy.types.Mesh):
+            return data if len(data.polygons) else None
+        if isinstance(data, bpy.types.Curves):
+            return curves_mesh(data, scene)
+        if isinstance(data, bpy.types.PointCloud):
+            if is_splats(data):
+                line = f"object '{shown.name}': Gaussian splats are not read, they count as spheres"
+                self._warn(line, of_unknown_extent=True)
+            return points_mesh(data)
+        return particle_hair_mesh(shown, data, scene, self.is_render)
+
+    def _add_mesh(self, shown: bpy.types.Object, data: Data, source: bpy.types.Mesh | MadeMesh) -> int:
+        # The same from one evaluation to the next, unlike pointers.
+        name = f"{shown.original.name_full}/{getattr(data, 'name_full', source.name)}"
+        count = self.mesh_keys[name] = self.mesh_keys.get(name, 0) + 1
+        if isinstance(source, bpy.types.Mesh):
+            triangles = len(source.loops) - 2 * len(source.polygons)
+            vertices = len(source.vertices)
+            box = np.array([corner[:] for corner in shown.bound_box], np.float64)
+            if not np.isfinite(box).all():
+                box = _finite_positions(source)
+            box = np.array([box.min(axis=0), box.max(axis=0)])
+        else:
+            vertices, triangles, box = source.vertices, source.triangles, source.box
+        self.meshes.append(Mesh(source.name, f"{name}#{count}", vertices, triangles))
+        self.mesh_sources.append(source)
+        self.mesh_owners.append(shown.original.session_uid)
+        self.mesh_bounds.append(box)
+        return len(self.meshes) - 1
+
+    def _slot_materials(self, instance, shown: bpy.types.Object, data: bpy.types.ID) -> tuple[int, ...]:
         """The mesh's, overridden by those that the object itself fills (BKE_object_material_get_eval)."""
-        used = list(mesh.materials)
+        used = list(data.materials)
         source = instance.instance_object if instance.is_instance else shown
         if (
             source is not None
@@ -316,13 +358,6 @@ class _Scanner:
                 self.displacing[index] = material.name_full, node
         return index
 
-    def _note_hair(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> None:
-        if instance.show_particles and any(
-            system.settings.type == "HAIR" and system.settings.render_type == "PATH"
-            for system in shown.particle_systems
-        ):
-            self._warn(f"object '{shown.name}': hair is not read, its shadow is missing", True)
-
     def _finished_instances(self) -> tuple[Instance, ...]:
         """Without those whose matrix cannot be used; `objects` stays in step."""
         matrices = np.array(self.matrices, np.float64).reshape(-1, 4, 4)
@@ -346,51 +381,6 @@ class _Scanner:
             Instance(matrix=tuple(map(tuple, rows)), bounds=Bounds(tuple(low), tuple(high)), **appearance)
             for appearance, rows, low, high in zip(appearances, matrices.tolist(), lows, highs, strict=True)
         )
-
-    # Lights
-
-    @cached_property
-    def lamp_names(self) -> LampNames:
-        """Made where there is a lamp."""
-        return LampNames()
-
-    def _light(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> None:
-        parent = instance.parent if instance.is_instance else shown
-        named = self.lamp_names.of(instance)
-        light, warnings = light_of(shown.data, instance.matrix_world, named.name, named.key)
-        for warning in warnings:
-            self._warn(warning)
-        if light is not None:
-            own_settings = own_settings_of(shown.data, "Light")
-            called = {"pass_name": named.pass_name, "lamp": named.lamp.name_full}
-            self.lights.append(replace(light, own_settings=own_settings, **called))
-            self.light_objects.append((shown.original, parent.original))
-            self.light_owners.append(0 if instance.is_instance else shown.original.session_uid)
-
-    def _lights_with_objects(self):
-        return zip(self.lights, self.light_objects, strict=True)
-
-    def _linked(self, light: Light, shown: bpy.types.Object, parent: bpy.types.Object) -> Light:
-        """With the instances that it lights and that shadow it; an instancer's linking wins over its own."""
-        receivers = linked_objects(
-            parent.light_linking.receiver_collection or shown.light_linking.receiver_collection
-        )
-        blockers = linked_objects(
-            parent.light_linking.blocker_collection or shown.light_linking.blocker_collection
-        )
-        # A light that diffuse surfaces do not see lights nothing that is baked.
-        lit = frozenset() if not shown.visible_diffuse else self._indices(receivers)
-        return replace(
-            light,
-            receivers=lit,
-            casters=self._indices(blockers),
-            lights_media=shown.visible_volume_scatter,
-        )
-
-    def _indices(self, linked) -> frozenset[int] | None:
-        if linked is None:
-            return None
-        return frozenset(i for i, source in enumerate(self.objects) if source in linked)
 
 
 def _finite_positions(mesh: bpy.types.Mesh) -> np.ndarray:
