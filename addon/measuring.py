@@ -22,6 +22,7 @@ from .measure.error_image import ErrorImage
 from .measure.footprint import KeptSamples, Probed
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured
+from .measure.unread import between, concerns, unread_materials
 
 REFERENCES_READ = ("position", "geometric_normal", "shading_normal", "depth", "material", "instance")
 
@@ -50,6 +51,8 @@ class Measuring:
         self._seconds_before = seconds_before
         self._rays: CpuRays | NotMeasured | None = None
         self._rays_seconds = 0.0  # of one layer
+        self._unread = unread_materials(outline.materials)
+        self._clear_rays: CpuRays | None = None  # past all that is unread
         self.seconds = 0.0  # of all so far, without the error images
 
     def errors(self, graph: Graph) -> Generator[None, None, dict[str, LayerError | NotMeasured]]:
@@ -92,8 +95,17 @@ class Measuring:
         return allowed_seconds(self._seconds_before + baked) - self.seconds
 
     def _measured(self, probed: Probed, allowed: float) -> Generator[None, None, LayerError | NotMeasured]:
-        work = self.measurement.measure(probed, allowed, self.outlook.expect)
-        return (yield from unless_cancelled(work, self._executor.fallback.cancel_flag))
+        flag, met = self._executor.fallback.cancel_flag, (probed.casters | self._rays.camera.visible) != 0
+        is_unread = concerns(self._outline.instances, met, self._unread)
+        if is_unread and self._clear_rays is None:
+            self._clear_rays = yield from self._started_clear_rays()
+        work = self.measurement.measure(probed, allowed / (1 + is_unread), self.outlook.expect)
+        error = yield from unless_cancelled(work, flag)
+        if is_unread and isinstance(error, LayerError):
+            cleared = replace(probed, rays=self._clear_rays, found={})
+            clear = yield from unless_cancelled(self.measurement.again(cleared, error), flag)
+            error = replace(between(error, clear), seconds=clear.seconds)
+        return error
 
     def _make_image(self, probed: Probed, is_measured: bool) -> Generator[None]:
         """Of a layer that could be measured; what fails is told."""
@@ -144,6 +156,22 @@ class Measuring:
         self.seconds += seconds
         self._rays_seconds = seconds / sum(layer.kind.score is not None for layer in graph.layers)
         yield
+        return self._rays_in(accelerator)
+
+    def _started_clear_rays(self) -> Generator[None, None, CpuRays]:
+        """The same as though nothing were there whose opacity is not read."""
+        device, node = self._executor.fallback, ray_accelerator(self._outline, self._graph.shot)
+        geometry, casters = (
+            device.geometry_without(self._unread),
+            device.instance_mask(node.params["casters"]),
+        )
+        origin, build = np.array(node.params["eye"]), device.kernels.Accel
+        accelerator = device.unless_cancelled(lambda: build(geometry, origin, casters))
+        yield
+        return self._rays_in(accelerator)
+
+    def _rays_in(self, accelerator: Any) -> CpuRays:
+        executor, device, graph = self._executor, self._executor.fallback, self._graph
         return CpuRays(
             accelerator,
             np.array(graph.shot.origin),

@@ -69,6 +69,10 @@ class Opacities:
         return cls((opacity, opacity), (opacity, opacity))
 
 
+CLEAR = Opacities.of(OpacityArrays(0.0, threshold=0.5))
+"""As though nothing were there."""
+
+
 @dataclass(frozen=True)
 class Placed:
     """One appearance of a mesh, as a geometry takes it; an outline's Instance is one too."""

@@ -176,7 +176,8 @@ class Material:
 
     `base_color_image` indexes `Outline.images`, sampled as an opacity's; then the constant beside is not
     used. `seen` is what cameras meet, `casts` what shadow rays and shadow maps meet. `medium` fills a mesh of
-    this material where it has no surface.
+    this material where it has no surface. `unread_opacity`: in truth it may be anything between clear and
+    opaque; it is taken as what `seen` and `casts` say.
     """
 
     name: str
@@ -190,6 +191,7 @@ class Material:
     medium: Medium | None = None
     has_surface: bool = True
     own_settings: OwnSettings = ()
+    unread_opacity: bool = False
 
     @property
     def opacities(self) -> frozenset[Opacity]:

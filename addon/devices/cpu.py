@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from queue import Empty, SimpleQueue
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -12,7 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import strata_kernels
 
-from ..core.arrays import Arrays, MeshArrays, Placed, bytes_of
+from ..core.arrays import CLEAR, Arrays, MeshArrays, Placed, bytes_of
 from ..core.graph import Node
 from ..core.outline import Outline
 from ..core.shot import Shot
@@ -70,6 +71,12 @@ class CpuDevice:
         """Every instance of the scene, at its index in the outline. Meshes that an earlier scene had (the
         same MeshArrays) are not read again."""
         return self.geometry_of(self._outline.instances, self._arrays)
+
+    def geometry_without(self, materials: frozenset[int]) -> strata_kernels.Geometry:
+        """The same, with surfaces of these materials as though they were not there."""
+        opacities = enumerate(self._arrays.opacities)
+        cleared = tuple(CLEAR if index in materials else each for index, each in opacities)
+        return self.geometry_of(self._outline.instances, replace(self._arrays, opacities=cleared))
 
     def geometry_of(self, instances: Sequence[Placed], arrays: Arrays) -> strata_kernels.Geometry:
         """`instances` of the meshes of `arrays`, which are no part of the scene, say."""

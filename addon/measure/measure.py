@@ -62,6 +62,14 @@ class Measurement:
             error = replace(error, probes_in_time=probes)
         return replace(error, seconds=seconds)
 
+    def again(self, probed: Probed, error: LayerError) -> Generator[None, None, LayerError]:
+        """The error of the same layer by as many probes, with other rays."""
+        layer = probed.layer
+        seed = int(hash_bits(self.seed, text_bits(layer.name), 2))
+        probes = error.probes_in_time or self.probes
+        found, seconds = yield from timed(layer.kind.score.measure(probed, probes, seed))
+        return replace(found, seconds=error.seconds + seconds)
+
     def error_image(self, probed: Probed, show: Callable[[int], None]) -> Generator[None, None, ErrorImage]:
         """How far one finished layer is off at each pixel; yields alike. `show` is told of pixels done."""
         layer = probed.layer

@@ -43,7 +43,8 @@ class LayerError:
     """A layer's error (docs/accuracy.md); `seconds` is what measuring it took. Parts of `value`: `method`,
     what the effect gets wrong where it was evaluated, and `sampling`, the rest; `model`: what such a layer
     cannot hold; `display`: the same on a display. Only masks have `mean_absolute_error`. `probes_in_time`:
-    for how many there was time, where nobody said how many."""
+    for how many there was time, where nobody said how many; `unread`: what the upper end of `ci95` owes to
+    surfaces whose opacity is not read."""
 
     metric: str
     value: float
@@ -61,6 +62,7 @@ class LayerError:
     display: float | None = None
     mean_absolute_error: float | None = None
     probes_in_time: int | None = None
+    unread: float | None = None
 
     def __post_init__(self):
         """Raises ValueError where a figure is not finite."""

@@ -66,6 +66,8 @@ def causes(error: LayerError, settings: Sequence[str] = (), params: type[Params]
     """Where an error comes from and what lowers it, one clause each; `settings` as a score names them
     (`lowered_by`), none where it is not to be seen."""
     found = []
+    if error.unread:
+        found.append(f"perhaps by up to {percent(error.ci95[1])}, since a material's opacity is not read")
     if settings and error.method is not None and error.sampling is not None:
         if verdict(error.value) is Verdict.INVISIBLE:
             return found  # only the interval reaches further: there is nothing to lower that is known of

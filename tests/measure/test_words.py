@@ -79,4 +79,4 @@ def test_a_file_of_an_earlier_version_is_read_and_its_metric_named():
 
 
 def test_a_file_of_a_later_version_is_read_too():
-    assert error_of(ERROR.to_json() | {"unread": 0.1}) == ERROR
+    assert error_of(ERROR.to_json() | {"of_later": 0.1}) == ERROR
