@@ -128,6 +128,7 @@ class _Scanner:
     shown: dict[int, bool] = field(default_factory=dict)
     edited_meshes: dict[int, bpy.types.Mesh] = field(default_factory=dict)
     displacing: dict[int, tuple[str, str]] = field(default_factory=dict)
+    catchers: set[str] = field(default_factory=set)
     warnings: dict[str, bool] = field(default_factory=dict)
 
     def run(self) -> Scan:
@@ -159,7 +160,7 @@ class _Scanner:
             for warning in warnings:
                 self._warn(warning)
         instances = self._finished_instances()
-        for part in [*self._displaced(), *missing_parts(self.depsgraph)]:
+        for part in [*self._assumed(), *missing_parts(self.depsgraph)]:
             self._warn(part.line, part.of_unknown_extent)
         outline = Outline(
             scene_name=scene.name,
@@ -205,13 +206,19 @@ class _Scanner:
     def _warn(self, warning: str, of_unknown_extent: bool = False) -> None:
         self.warnings[warning] = of_unknown_extent or self.warnings.get(warning, False)
 
-    def _displaced(self) -> Iterator[Missing]:
-        """Of materials that move what they are on."""
+    def _assumed(self) -> Iterator[Missing]:
+        """Of what is read in part: with its objects, and what is taken in place of the rest."""
         for index, (material, node) in self.displacing.items():
             objects = named((each["name"] for each in self.instances if index in each["materials"]), "object")
             if objects:
                 line = f"material '{material}' of {objects}: displacement by node '{node}' is not read"
                 yield Missing(f"{line}, shapes and shadows are taken without it", True)
+        shown = [each for each in self.instances if each["visible_camera"]]
+        if objects := named((each["name"] for each in shown if each["is_holdout"]), "holdout object"):
+            yield Missing(f"{objects}: layers show what is behind, where Cycles leaves a hole")
+        if objects := named((e["name"] for e in shown if e["name"] in self.catchers), "shadow catcher"):
+            light = "Cycles' passes of light, which layers are multiplied onto, have none of it"
+            yield Missing(f"{objects}: layers take it for a surface like any other, and {light}")
 
     # Meshes
 
@@ -273,6 +280,8 @@ class _Scanner:
             slots = self._slot_materials(instance, shown, data)
         materials = [self.materials[slot] for slot in slots]
         is_surface = any(material.has_surface for material in materials)
+        if shown.is_shadow_catcher or owner.is_shadow_catcher:
+            self.catchers.add(shown.name)
         return {
             "name": shown.name,
             "mesh": mesh,

@@ -197,7 +197,15 @@ def test_visibility(scene):
     cube("Catcher").is_shadow_catcher = True  # a surface like any other
     cube("No camera").visible_camera = False
     cube("No shadow").visible_shadow = False
+    unseen = cube("Unseen holdout")
+    unseen.is_holdout, unseen.visible_camera, unseen.is_shadow_catcher = True, False, True
     outline, _ = read(scene)
+    assert outline.warnings == (
+        "holdout objects 'Holdout', 'In held': layers show what is behind, where Cycles leaves a hole",
+        "shadow catcher 'Catcher': layers take it for a surface like any other, and Cycles' passes of light, "
+        "which layers are multiplied onto, have none of it",
+    )
+    assert outline.unknown == ()
     flags = {i.name: (i.visible_camera, i.casts_shadow, i.is_holdout) for i in outline.instances}
     assert flags == {
         "Plain": (True, True, False),
@@ -207,6 +215,7 @@ def test_visibility(scene):
         "Catcher": (True, True, False),
         "No camera": (False, True, False),
         "No shadow": (True, False, False),
+        "Unseen holdout": (False, True, True),
     }
 
 
