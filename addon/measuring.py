@@ -22,7 +22,7 @@ from .measure.error_image import ErrorImage
 from .measure.footprint import KeptSamples, Probed
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured
-from .measure.unread import between, concerns, unread_materials
+from .measure.unread import between, concerns, unread_materials, without_end
 
 REFERENCES_READ = ("position", "geometric_normal", "shading_normal", "depth", "material", "instance")
 
@@ -105,6 +105,8 @@ class Measuring:
             cleared = replace(probed, rays=self._clear_rays, found={})
             clear = yield from unless_cancelled(self.measurement.again(cleared, error), flag)
             error = replace(between(error, clear), seconds=clear.seconds)
+        if self._outline.unknown and isinstance(error, LayerError):
+            error = without_end(error, self._outline.unknown)
         return error
 
     def _make_image(self, probed: Probed, is_measured: bool) -> Generator[None]:

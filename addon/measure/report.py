@@ -44,11 +44,12 @@ class LayerError:
     what the effect gets wrong where it was evaluated, and `sampling`, the rest; `model`: what such a layer
     cannot hold; `display`: the same on a display. Only masks have `mean_absolute_error`. `probes_in_time`:
     for how many there was time, where nobody said how many; `unread`: what the upper end of `ci95` owes to
-    surfaces whose opacity is not read."""
+    surfaces whose opacity is not read. Where something of unknown extent is missing, `ci95` has no upper end,
+    and `unknown` says what."""
 
     metric: str
     value: float
-    ci95: tuple[float, float]
+    ci95: tuple[float, float | None]
     bias: float
     p99: float
     max: float
@@ -63,6 +64,7 @@ class LayerError:
     mean_absolute_error: float | None = None
     probes_in_time: int | None = None
     unread: float | None = None
+    unknown: tuple[str, ...] = ()
 
     def __post_init__(self):
         """Raises ValueError where a figure is not finite."""
@@ -70,7 +72,8 @@ class LayerError:
 
     def to_json(self) -> dict[str, Any]:
         numbers = {key: rounded(item) for key, item in vars(self).items() if isinstance(item, float)}
-        plain = {**vars(self), **numbers, "ci95": [rounded(limit) for limit in self.ci95]}
+        plain = {**vars(self), **numbers, "unknown": list(self.unknown) or None}
+        plain["ci95"] = [None if limit is None else rounded(limit) for limit in self.ci95]
         return {key: item for key, item in plain.items() if item is not None}
 
 
@@ -93,7 +96,7 @@ def error_of(entry: Mapping[str, Any] | None) -> LayerError | NotMeasured | None
         return NotMeasured(entry["not_measured"])
     low, high = entry["ci95"]
     known = {key: item for key, item in entry.items() if key in LayerError.__dataclass_fields__}
-    return LayerError(**{**known, "ci95": (low, high)})
+    return LayerError(**{**known, "ci95": (low, high), "unknown": tuple(known.get("unknown", ()))})
 
 
 @dataclass(frozen=True)
@@ -265,7 +268,8 @@ def _judged(layer: PlannedLayer, error: LayerError | NotMeasured | None, outline
     if not isinstance(error, LayerError):
         return {}
     score, params = layer.kind.score, layer.params
-    words = worded(score.rms(error.value), score.rms(error.ci95[1]))
+    high = error.ci95[1]
+    words = worded(score.rms(error.value), None if high is None else score.rms(high))
     if words == Verdict.INVISIBLE.value:
         return {"verdict": words}
     if params is not None and layer.of.is_lamp:

@@ -1,4 +1,4 @@
-"""What an error is not known for: surfaces whose opacity Strata does not read."""
+"""What an error is not known for: surfaces whose opacity Strata does not read, and what is missing."""
 
 from __future__ import annotations
 
@@ -30,3 +30,9 @@ def between(read: LayerError, clear: LayerError) -> LayerError:
     low, high = (limit(a, b) for limit, a, b in zip((min, max), read.ci95, clear.ci95, strict=True))
     unread = math.sqrt(max(high**2 - read.ci95[1] ** 2, 0.0))
     return replace(read, ci95=(low, high), unread=unread)
+
+
+def without_end(error: LayerError, unknown: tuple[str, ...]) -> LayerError:
+    """The same where the scene lacks something of unknown extent, as the lines `unknown` tell: rays do not
+    meet it either, and no one knows how much of the light it takes."""
+    return replace(error, ci95=(error.ci95[0], None), unread=None, unknown=unknown)

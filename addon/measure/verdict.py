@@ -49,9 +49,9 @@ def verdict(rms: float) -> Verdict:
     return Verdict.FINE if rms <= FINE_UP_TO else Verdict.VISIBLE
 
 
-def worded(rms: float, high: float) -> str:
-    """`fine`; `fine, perhaps visible` where the interval reaches up to `high`."""
-    found, worst = verdict(rms), verdict(high)
+def worded(rms: float, high: float | None) -> str:
+    """`fine`; `fine, perhaps visible` where the interval reaches up to `high`, None: nobody knows how far."""
+    found, worst = verdict(rms), Verdict.VISIBLE if high is None else verdict(high)
     return found.value if worst == found else f"{found.value}, perhaps {worst.value}"
 
 
@@ -66,6 +66,8 @@ def causes(error: LayerError, settings: Sequence[str] = (), params: type[Params]
     """Where an error comes from and what lowers it, one clause each; `settings` as a score names them
     (`lowered_by`), none where it is not to be seen."""
     found = []
+    if error.unknown:
+        found.append("perhaps by any amount, since something of the scene is missing")
     if error.unread:
         found.append(f"perhaps by up to {percent(error.ci95[1])}, since a material's opacity is not read")
     if settings and error.method is not None and error.sampling is not None:
@@ -118,8 +120,10 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.1f}%" if share < 0.0995 else f"{100.0 * share:.0f}%"
 
 
-def interval_words(low: float, high: float) -> str:
-    """`1.1% to 1.3%`, for a person."""
+def interval_words(low: float, high: float | None) -> str:
+    """`1.1% to 1.3%`, for a person; `0% or more` without an upper end."""
+    if high is None:
+        return f"{percent(low) if low >= LEAST_SHOWN else '0%'} or more"
     if high < LEAST_SHOWN:
         return percent(high)
     return f"{percent(low) if low >= LEAST_SHOWN else '0%'} to {percent(high)}"

@@ -11,7 +11,7 @@ from strata.addon.core.arrays import CLEAR
 from strata.addon.core.metrics import mean_brightness
 from strata.addon.core.outline import Instances, Material
 from strata.addon.core.shot import Camera, PixelFilter, Raster, Shot
-from strata.addon.measure.report import LayerError
+from strata.addon.measure.report import LayerError, format_table
 from strata.addon.measure.unread import between
 from strata.addon.planning import Options, plan_scene
 from strata.tests.support.flat_scenes import DOWN, FLOOR, PLATE, lamp, scene_of
@@ -54,6 +54,22 @@ def test_the_interval_reaches_from_opaque_to_clear(visible):
     assert error["unread"] == pytest.approx(np.sqrt(high**2 - plain["ci95"][1] ** 2), rel=0.05)
     (entry,) = baked.report.layers
     assert "since a material's opacity is not read" in entry.words
+
+
+def test_what_is_missing_leaves_the_interval_without_an_upper_end():
+    """A library of which nobody knows what it holds."""
+    job, plain = job_of(False), job_of(False).result().layers.layers[0].error
+    lines = ("library '//props.blend' is missing",)
+    job.outline = replace(job.outline, warnings=lines, unknown=lines)
+    baked = job.result()
+    (layer,) = baked.layers.layers
+    assert layer.error["value"] == plain["value"]
+    assert layer.error["ci95"] == [plain["ci95"][0], None]
+    assert layer.error["unknown"] == list(lines)
+    (entry,) = baked.report.layers
+    assert entry.verdict.endswith("perhaps visible")
+    assert "since something of the scene is missing" in entry.words
+    assert " or more" in format_table(baked.report)
 
 
 def test_what_no_ray_of_a_layer_meets_changes_nothing():

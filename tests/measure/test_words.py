@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import pytest
 from strata.addon.effects.registry import EFFECTS
 from strata.addon.effects.soft_shadow.params import SoftShadowParams
 from strata.addon.measure.report import LayerError, error_of
-from strata.addon.measure.verdict import USES, causes, off_by, told
+from strata.addon.measure.verdict import USES, causes, interval_words, off_by, told, worded
 
 ERROR = LayerError("in use", 0.02, (0.018, 0.022), 0.0, 0.1, 0.2, 64, "rays", 1e-3, 0.1, 0.005, 0.019)
 SETTINGS = ("samples", "method=hybrid", "resolution")
@@ -51,6 +52,19 @@ def test_advice_follows_the_cause():
     assert causes(ERROR) == []  # invisible: no settings are named
     assert told(ERROR, "Key") == ""
     assert causes(replace(ERROR, value=0.001, ci95=(0.0, 0.02)), SETTINGS) == []
+
+
+def test_an_interval_without_an_upper_end_says_so():
+    missing = replace(ERROR, value=0.001, ci95=(0.0, None), unknown=("library '//a.blend' is missing",))
+    assert causes(missing) == ["perhaps by any amount, since something of the scene is missing"]
+    assert worded(0.001, None) == "invisible, perhaps visible"
+    assert worded(0.03, None) == "visible"
+    assert interval_words(0.0, None) == "0% or more"
+    assert interval_words(0.012, None) == "1.2% or more"
+    document = json.loads(json.dumps(missing.to_json(), allow_nan=False))
+    assert (document["ci95"], document["unknown"]) == ([0.0, None], list(missing.unknown))
+    assert error_of(document) == missing
+    assert "unknown" not in ERROR.to_json()
 
 
 @pytest.mark.parametrize(("share", "is_said"), [(0.004, True), (0.019, False)])
