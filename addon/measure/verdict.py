@@ -67,7 +67,7 @@ def causes(error: LayerError, settings: Sequence[str] = (), params: type[Params]
     (`lowered_by`), none where it is not to be seen."""
     found = []
     if error.unknown:
-        found.append("perhaps by any amount, since something of the scene is missing")
+        found.append("perhaps by any amount, since part of the scene is not read")
     if error.unread:
         found.append(f"perhaps by up to {percent(error.ci95[1])}, since a material's opacity is not read")
     if settings and error.method is not None and error.sampling is not None:

@@ -68,7 +68,7 @@ def test_what_is_missing_leaves_the_interval_without_an_upper_end():
     assert layer.error["unknown"] == list(lines)
     (entry,) = baked.report.layers
     assert entry.verdict.endswith("perhaps visible")
-    assert "since something of the scene is missing" in entry.words
+    assert "since part of the scene is not read" in entry.words
     assert " or more" in format_table(baked.report)
 
 

@@ -56,7 +56,7 @@ def test_advice_follows_the_cause():
 
 def test_an_interval_without_an_upper_end_says_so():
     missing = replace(ERROR, value=0.001, ci95=(0.0, None), unknown=("library '//a.blend' is missing",))
-    assert causes(missing) == ["perhaps by any amount, since something of the scene is missing"]
+    assert causes(missing) == ["perhaps by any amount, since part of the scene is not read"]
     assert worded(0.001, None) == "invisible, perhaps visible"
     assert worded(0.03, None) == "visible"
     assert interval_words(0.0, None) == "0% or more"
