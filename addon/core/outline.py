@@ -126,19 +126,21 @@ def emitter_measure(emitter: Emitter) -> float:
 
 @dataclass(frozen=True)
 class Image:
-    """One reading of a texture: `channel` is 'COLOR' or, as a single float, 'ALPHA' or 'LUMINANCE'. Whether
+    """One picture that a material's nodes make, of one image or of several: `channel` is 'COLOR' or, as a
+    single float, 'VALUE'. It `repeats` if it is the same in every unit square of texture coordinates. Whether
     it can be read shows when it is (see `Arrays.textures`)."""
 
     name: str
     key: str
     channel: str
+    repeats: bool = True
 
 
 @dataclass(frozen=True)
 class Opacity:
     """How much of what meets one side of a surface is stopped: 1 all of it, 0 nothing.
 
-    `value` everywhere, or `image`, an index into `Outline.images` sampled by the mesh's render UV map,
+    `value` everywhere, or `image`, an index into `Outline.images` sampled by the mesh's UV map,
     repeated and bilinear; then `value` is not used. Either times `corners`, the name of an attribute of
     points or corners (with `.alpha` behind it a colour attribute's alpha, else a colour's luminance); empty:
     times nothing. With a `threshold` above 0 it is a clip: 1 where all that is at least so much, else 0.
@@ -175,9 +177,11 @@ class Material:
     """What Strata reads of a material. Colours are linear RGB in the working space.
 
     `base_color_image` indexes `Outline.images`, sampled as an opacity's; then the constant beside is not
-    used. `seen` is what cameras meet, `casts` what shadow rays and shadow maps meet. `medium` fills a mesh of
-    this material where it has no surface. `unread_opacity`: in truth it may be anything between clear and
-    opaque; it is taken as what `seen` and `casts` say.
+    used. They lie on the UV map `uv_map` (empty: the one for rendering), its coordinates moved by the two
+    rows of `uv_matrix`. `seen` is what cameras meet, `casts` what shadow rays and shadow maps meet; where a
+    part of that could not be read, it counts as opaque and `unread_opacity` is True: at some points it may be
+    anything between 0 and 1. `is_holdout`: a hole for cameras. `medium` fills a mesh of this
+    material where it has no surface.
     """
 
     name: str
@@ -192,6 +196,9 @@ class Material:
     has_surface: bool = True
     own_settings: OwnSettings = ()
     unread_opacity: bool = False
+    is_holdout: bool = False
+    uv_map: str = ""
+    uv_matrix: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
     @property
     def opacities(self) -> frozenset[Opacity]:

@@ -1,4 +1,4 @@
-"""Factors of opacity on the corners of a mesh's faces, from an attribute of its points or corners."""
+"""What the corners of a mesh's faces carry: factors of opacity, and coordinates of pictures."""
 
 from __future__ import annotations
 
@@ -6,52 +6,131 @@ import bpy
 import numpy as np
 
 from ..core.arrays import MeshArrays
-
-ALPHA_OF = ".alpha"
-"""Behind the name of a colour attribute: its alpha."""
-
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # Rec. 709
+from .nodes.pictures import IDENTITY, Placement
+from .nodes.values import Attribute, Value
 
 
 def corner_opacity(
-    source: bpy.types.Mesh, mesh: MeshArrays, names: list[str], owner: str, warnings: list[str]
+    source: bpy.types.Mesh, mesh: MeshArrays, values: list[Value | None], owner: str, warnings: list[str]
 ) -> np.ndarray | None:
-    """(C,) float32 of the evaluated mesh `source`, each face's from the attribute in `names` of its slot, 1
-    where that is empty; None without faces. What the mesh lacks counts as 0, as in Cycles, with a warning."""
+    """(C,) float32 from 0 to 1 of the evaluated mesh `source`: of each face's material what the expression
+    over attributes in `values` is there, 1 where that is None; None without faces. Attributes that the mesh
+    lacks count as 0, as in Cycles, with a warning."""
     if not len(mesh.corner_vertices):
         return None
     found = np.ones(len(mesh.corner_vertices), np.float32)
-    slots = np.zeros(len(mesh.face_starts) - 1, np.int64) if mesh.face_slots is None else mesh.face_slots
-    of_corner = np.repeat(np.clip(slots, 0, len(names) - 1), np.diff(mesh.face_starts))
-    for name in sorted(set(names) - {""}):
-        values = _values(source, mesh, name)
-        if values is None:
-            warnings.append(f"object '{owner}': it has no attribute '{name}', which counts as 0")
-            values = np.zeros(len(found), np.float32)
-        chosen = np.isin(of_corner, [slot for slot, each in enumerate(names) if each == name])
-        found[chosen] = values[chosen]
+    of_corner = corner_slots(mesh, len(values))
+    corners = _Corners(source, mesh)
+    for key in sorted({value.key for value in values if value is not None}):
+        slots = [slot for slot, value in enumerate(values) if value is not None and value.key == key]
+        numbers = np.broadcast_to(values[slots[0]].at(corners), found.shape)
+        numbers = np.clip(np.nan_to_num(numbers, posinf=1.0, neginf=0.0), 0.0, 1.0)
+        chosen = np.isin(of_corner, slots)
+        found[chosen] = numbers[chosen]
+    for name in sorted(corners.missing):
+        warnings.append(f"object '{owner}': it has no attribute '{name}', which counts as 0")
     return found
 
 
-def _values(source: bpy.types.Mesh, mesh: MeshArrays, name: str) -> np.ndarray | None:
-    """(C,) float32, finite."""
-    attribute = source.attributes.get(name)
-    is_alpha = attribute is None and name.endswith(ALPHA_OF)
-    if is_alpha:
-        attribute = source.attributes.get(name.removesuffix(ALPHA_OF))
-    if attribute is None or attribute.domain not in {"POINT", "CORNER"}:
+def corner_slots(mesh: MeshArrays, count: int) -> np.ndarray:
+    """(C,) the slot of each corner's face, of `count` that there are."""
+    if mesh.face_slots is None:
+        return np.zeros(len(mesh.corner_vertices), np.int64)
+    return np.repeat(np.clip(mesh.face_slots, 0, count - 1), np.diff(mesh.face_starts))
+
+
+class _Corners:
+    """Where expressions over attributes are evaluated."""
+
+    def __init__(self, source: bpy.types.Mesh, mesh: MeshArrays):
+        self._source, self._mesh = source, mesh
+        self.missing: set[str] = set()
+
+    def source(self, source: Attribute) -> np.ndarray:
+        """By Cycles' kernel/svm/attribute.h."""
+        read = self._read(source.name or self._source.color_attributes.default_color_name)
+        count, is_many = len(self._mesh.corner_vertices), source.output in {"Color", "Vector"}
+        if read is None:
+            self.missing.add(source.name or "of colour")
+            return np.zeros((count, 3) if is_many else count)
+        width = read.shape[1]
+        if source.output == "Alpha":
+            return read[:, 3] if width == 4 else np.ones(count)
+        if is_many:
+            if width == 1:
+                return np.repeat(read, 3, axis=1)
+            return np.pad(read, ((0, 0), (0, 1))) if width == 2 else read[:, :3]
+        return read[:, 0] if width <= 2 else read[:, :3].mean(axis=1)
+
+    def look_up(self, texture, coordinates):
+        raise LookupError(texture)
+
+    def _read(self, name: str) -> np.ndarray | None:
+        """(C, 1 to 4) float64."""
+        attribute = self._source.attributes.get(name)
+        kinds = {
+            "FLOAT": ("value", 1, np.float32), "INT": ("value", 1, np.int32), "BOOLEAN": ("value", 1, bool),
+            "INT8": ("value", 1, np.int8), "FLOAT2": ("vector", 2, np.float32),
+            "FLOAT_VECTOR": ("vector", 3, np.float32), "FLOAT_COLOR": ("color", 4, np.float32),
+            "BYTE_COLOR": ("color", 4, np.float32),
+        }  # fmt: skip
+        if attribute is None or attribute.data_type not in kinds:
+            return None
+        field, width, dtype = kinds[attribute.data_type]
+        flat = np.empty(len(attribute.data) * width, dtype)
+        attribute.data.foreach_get(field, flat)
+        values = flat.reshape(-1, width).astype(np.float64)
+        if attribute.domain == "POINT":
+            return values[self._mesh.corner_vertices]
+        if attribute.domain == "FACE":
+            return np.repeat(values, np.diff(self._mesh.face_starts), axis=0)
+        return values if attribute.domain == "CORNER" else None
+
+
+def placed_uvs(
+    source: bpy.types.Mesh, mesh: MeshArrays, placements: list[Placement], owner: str, warnings: list[str]
+) -> np.ndarray | None:
+    """(C, 2) float32: each corner's coordinates of the pictures of its face's material, of the `placements`
+    of the slots. None for a mesh without the UV maps; a map that it lacks is told, the one for rendering is
+    taken instead."""
+    render = next((layer for layer in source.uv_layers if layer.active_render), None)
+    if render is None:
         return None
-    count = len(attribute.data)
-    if attribute.data_type in {"FLOAT_COLOR", "BYTE_COLOR"}:
-        colours = np.empty(4 * count, np.float32)
-        attribute.data.foreach_get("color", colours)
-        colours = colours.reshape(count, 4)
-        values = colours[:, 3] if is_alpha else colours[:, :3] @ LUMINANCE
-    elif attribute.data_type == "FLOAT" and not is_alpha:
-        values = np.empty(count, np.float32)
-        attribute.data.foreach_get("value", values)
-    else:
-        return None
-    if attribute.domain == "POINT":
-        values = values[mesh.corner_vertices]
-    return np.nan_to_num(np.ascontiguousarray(values, np.float32), posinf=0.0, neginf=0.0)
+    count = len(mesh.corner_vertices)
+    maps: dict[str, np.ndarray] = {}
+
+    def map_of(name: str) -> np.ndarray:
+        layer = source.uv_layers.get(name) if name else render
+        if layer is None:
+            warnings.append(f"object '{owner}': it has no UV map '{name}', its UV map for rendering is read")
+            layer = render
+        flat = np.empty(2 * count, np.float32)
+        layer.uv.foreach_get("vector", flat)
+        uvs = flat.reshape(count, 2)
+        with np.errstate(over="ignore", invalid="ignore"):
+            is_finite = bool(np.isfinite(np.dot(flat, flat)))
+        if not is_finite:
+            warnings.append(f"object '{owner}': some texture coordinates are not finite, they count as 0")
+            np.nan_to_num(uvs, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+        return uvs
+
+    different = list(dict.fromkeys(placements)) or [Placement()]
+    for placement in different:
+        if placement.uv_map not in maps:
+            maps[placement.uv_map] = map_of(placement.uv_map)
+    if len(different) == 1:
+        return moved_uvs(maps[different[0].uv_map], different[0])
+    found = np.empty((count, 2), np.float32)
+    of_corner = corner_slots(mesh, len(placements))
+    for placement in different:
+        chosen = np.isin(of_corner, [slot for slot, each in enumerate(placements) if each == placement])
+        found[chosen] = moved_uvs(maps[placement.uv_map][chosen], placement)
+    return found
+
+
+def moved_uvs(uvs: np.ndarray, placement: Placement) -> np.ndarray:
+    """Coordinates (C, 2) of a mesh, as those of pictures."""
+    if placement.matrix == IDENTITY:
+        return uvs
+    matrix = np.array(placement.matrix, np.float64).reshape(2, 3)
+    return (uvs @ matrix[:, :2].T + matrix[:, 2]).astype(np.float32)

@@ -9,10 +9,11 @@ import bpy
 import numpy as np
 
 from ..core.arrays import OPAQUE, Arrays, MeshArrays, Opacities, OpacityArrays
-from ..core.outline import Opacity, Outline
-from .corner_values import corner_opacity
+from ..core.outline import Material, Opacity, Outline
+from .corner_values import corner_opacity, moved_uvs, placed_uvs
 from .made_mesh import MadeMesh
-from .pixels import channel_of, pixels_of
+from .nodes.pictures import Placement
+from .pixels import pixels_of
 from .scan import Scan
 from .vertex_values import vertex_values
 
@@ -43,6 +44,13 @@ def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[in
         else _no_faces()
         for index, source in enumerate(scan.mesh_sources)
     )
+    slots = _slots(outline)
+    meshes = tuple(
+        _with_uvs(outline, scan.mesh_sources[index], mesh, slots[index], wants, owners[index], warnings)
+        if index in textured and index in shown
+        else mesh
+        for index, mesh in enumerate(meshes)
+    )
     names = sorted(want.removeprefix(VERTEX) for want in wants if want.startswith(VERTEX))
     if names:
         meshes = tuple(
@@ -50,13 +58,10 @@ def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[in
             for index, (mesh, source) in enumerate(zip(meshes, scan.mesh_sources, strict=True))
         )
     if OPACITY in wants:
-        factors = {
-            index: corner_opacity(scan.mesh_sources[index], meshes[index], names, owners[index], warnings)
-            for index, names in _corner_names(outline).items()
-            if index in shown
-        }
         meshes = tuple(
-            replace(mesh, corner_opacity=factors[index]) if index in factors else mesh
+            _with_corner_opacity(scan, index, mesh, slots[index], owners[index], warnings)
+            if index in shown
+            else mesh
             for index, mesh in enumerate(meshes)
         )
     textures = _textures(scan, wants, warnings)
@@ -80,12 +85,7 @@ def _owners(outline: Outline) -> list[str]:
 
 
 def _textured_meshes(outline: Outline, wants: Collection[str]) -> frozenset[int]:
-    sampling = {
-        index
-        for index, material in enumerate(outline.materials)
-        if (OPACITY in wants and any(opacity.image is not None for opacity in material.opacities))
-        or (BASE_COLOR in wants and material.base_color_image is not None)
-    }
+    sampling = {index for index, material in enumerate(outline.materials) if _images_of(material, wants)}
     return frozenset(i.mesh for i in outline.instances if not sampling.isdisjoint(i.materials))
 
 
@@ -98,12 +98,10 @@ def _sums_up(values: np.ndarray) -> bool:
 def _mesh_arrays(
     mesh: bpy.types.Mesh | MadeMesh, want_normals: bool, want_uv: bool, owner: str, warnings: list[str]
 ) -> MeshArrays:
-    """Corners are read by `attributes[...]`: `loops` goes element by element, a hundred times as long."""
+    """Corners are read by `attributes[...]`: `loops` goes element by element, a hundred times as long. UVs
+    only of what Strata makes; else see `placed_uvs`."""
     if not isinstance(mesh, bpy.types.Mesh):
-        made = mesh.arrays(want_normals, want_uv)
-        if want_uv and made.corner_uvs is None:
-            warnings.append(f"object '{owner}': it has no UV map, its textures are read at one point")
-        return made
+        return mesh.arrays(want_normals, want_uv)
     corner_count = len(mesh.loops)
     positions = _read(mesh.attributes["position"].data, "vector", np.float32, len(mesh.vertices), 3)
     if not _sums_up(positions):
@@ -118,21 +116,11 @@ def _mesh_arrays(
     normals = None
     if want_normals and mesh.normals_domain != "FACE":
         normals = _corner_normals(mesh, corner_count)
-    uvs = None
-    if want_uv:
-        layer = next((layer for layer in mesh.uv_layers if layer.active_render), None)
-        if layer is None:
-            warnings.append(f"object '{owner}': it has no UV map, its textures are read at one point")
-        else:
-            uvs = _read(layer.uv, "vector", np.float32, corner_count, 2)
-            if not _sums_up(uvs):
-                warnings.append(f"object '{owner}': some texture coordinates are not finite, they count as 0")
-                np.nan_to_num(uvs, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
     slots = mesh.attributes.get("material_index")
     if slots is not None and (slots.domain != "FACE" or slots.data_type != "INT"):
         slots = None
     face_slots = None if slots is None else _read(slots.data, "value", np.int32, len(mesh.polygons))
-    return MeshArrays(positions, corner_vertices, _face_starts(mesh), normals, uvs, face_slots)
+    return MeshArrays(positions, corner_vertices, _face_starts(mesh), normals, None, face_slots)
 
 
 def _read(elements, name: str, dtype, count: int, width: int | None = None) -> np.ndarray:
@@ -169,26 +157,21 @@ def _textures(scan: Scan, wants: Collection[str], warnings: list[str]) -> dict[i
     outline = scan.outline
     wanted: dict[int, str] = {}
     for material in outline.materials:
-        if OPACITY in wants:
-            for opacity in material.opacities:
-                if opacity.image is not None:
-                    wanted.setdefault(opacity.image, material.name)
-        if BASE_COLOR in wants and material.base_color_image is not None:
-            wanted.setdefault(material.base_color_image, material.name)
+        for image in _images_of(material, wants):
+            wanted.setdefault(image, material.name)
     loaded: dict[int, np.ndarray | None] = {}
-    textures = {}
-    for index, material_name in sorted(wanted.items()):
-        image, header = scan.image_sources[index], outline.images[index]
+
+    def load(image: bpy.types.Image) -> np.ndarray | None:
         if image.session_uid not in loaded:
             loaded[image.session_uid] = pixels_of(image)
-        pixels = loaded[image.session_uid]
-        if pixels is None:
-            warnings.append(f"material '{material_name}': image '{header.name}' cannot be read")
-            continue
-        texels, warning = channel_of(pixels, image, header.channel)
-        textures[index] = texels
-        if warning:
-            warnings.append(f"material '{material_name}': {warning}")
+        return loaded[image.session_uid]
+
+    textures = {}
+    for index, material_name in sorted(wanted.items()):
+        texels, told = scan.image_sources[index].texels(load)
+        if texels is not None:
+            textures[index] = texels
+        warnings.extend(f"material '{material_name}': {warning}" for warning in told)
     return textures
 
 
@@ -209,17 +192,56 @@ def _opacities(outline: Outline, textures: dict[int, np.ndarray]) -> tuple[Opaci
     )
 
 
-def _corner_names(outline: Outline) -> dict[int, list[str]]:
-    """By mesh, the attribute that each slot's material multiplies opacities by, of the first object that
-    shows the mesh; empty: none. Without meshes where no slot has one."""
-    of_material = [
-        min((opacity.corners for opacity in material.opacities if opacity.corners), default="")
-        for material in outline.materials
+def _slots(outline: Outline) -> dict[int, tuple[int, ...]]:
+    """By mesh, the materials of the first instance that shows it."""
+    return {instance.mesh: instance.materials for instance in reversed(outline.instances)}
+
+
+def _with_uvs(
+    outline: Outline, source: bpy.types.Mesh | MadeMesh, mesh: MeshArrays, slots: tuple[int, ...],
+    wants: Collection[str], owner: str, warnings: list[str],
+) -> MeshArrays:  # fmt: skip
+    materials = [outline.materials[slot] for slot in slots]
+    placements = [Placement(each.uv_map, each.uv_matrix) for each in materials]
+    if isinstance(source, bpy.types.Mesh):
+        uvs = placed_uvs(source, mesh, placements, owner, warnings)
+    else:
+        uvs = None if mesh.corner_uvs is None else moved_uvs(mesh.corner_uvs, placements[0])
+    if uvs is None:
+        warnings.append(f"object '{owner}': it has no UV map, its textures are read at one point")
+    if uvs is not None and uvs.size and (uvs.min() < -_BESIDE or uvs.max() > 1.0 + _BESIDE):
+        warnings.extend(
+            f"object '{owner}': its UVs leave 0 to 1, beyond that material '{each.name}' is read as repeated"
+            for each in dict.fromkeys(materials)
+            if not all(outline.images[image].repeats for image in _images_of(each, wants))
+        )
+    return replace(mesh, corner_uvs=uvs)
+
+
+# Of the unit square: what a UV may be beside it by rounding.
+_BESIDE = 1e-4
+
+
+def _with_corner_opacity(
+    scan: Scan, index: int, mesh: MeshArrays, slots: tuple[int, ...], owner: str, warnings: list[str]
+) -> MeshArrays:
+    corners, materials = scan.corner_sources, scan.outline.materials
+    values = [
+        next((corners[each.corners] for each in materials[slot].opacities if each.corners), None)
+        for slot in slots
     ]
-    if not any(of_material):
-        return {}
-    names = {
-        instance.mesh: [of_material[material] for material in instance.materials]
-        for instance in reversed(outline.instances)
-    }
-    return {mesh: each for mesh, each in names.items() if any(each)}
+    if not any(values):
+        return mesh
+    source = scan.mesh_sources[index]
+    if not isinstance(source, bpy.types.Mesh):
+        warnings.append(f"object '{owner}': its attributes are not read for opacity, they count as 1")
+        return mesh
+    found = corner_opacity(source, mesh, values, owner, warnings)
+    return replace(mesh, corner_opacity=found)
+
+
+def _images_of(material: Material, wants: Collection[str]) -> list[int]:
+    """Those of it that are wanted."""
+    images = [opacity.image for opacity in material.opacities] if OPACITY in wants else []
+    images += [material.base_color_image] if BASE_COLOR in wants else []
+    return [image for image in images if image is not None]

@@ -1,43 +1,57 @@
-"""Materials, as far as Strata reads them: base colour, alpha, roughness and emission of a Principled BSDF,
-and the colour of a Diffuse BSDF.
+"""Materials, as Cycles renders them: how much they stop, of what colour they are, what they emit.
 
-Base colour and alpha may come from an Image Texture through the mesh's render UV map. Anything else falls
-back to the material's viewport colour, with a warning that names material and node. Alpha clips: Cycles
-lets light through in proportion, Strata keeps a fragment where alpha is at least `ALPHA_THRESHOLD` or, where
-alpha comes out of a Math node Greater Than, that node's threshold.
+Their nodes are read as expressions (nodes/). What hangs on textures becomes a picture, evaluated at its
+texels; what cannot be read falls back to the material's viewport colour, and counts as opaque, with a warning
+that names material and node.
 """
 
 from __future__ import annotations
 
-import os
+from dataclasses import replace
 
 import bpy
+import numpy as np
 
 from ..core.outline import Image, Material, Opacity
+from .nodes.closures import Closure
+from .nodes.graph import origins
+from .nodes.opacities import Parts, parts_of
+from .nodes.pictures import Picture, Placement, placement_of
+from .nodes.surface import Surface, surface_at
+from .nodes.values import COLOUR, Attribute, Value, constant
 from .transforms import as_colour
 from .volumes import volume_of
 
-ALPHA_THRESHOLD = 0.5
-
-# Lobes that change what a diffuse layer multiplies onto; at these defaults a Principled BSDF is without them.
-_UNREAD_WEIGHTS = ("Transmission Weight", "Subsurface Weight", "Coat Weight", "Sheen Weight", "Metallic")
+CLIP = 0.5
+"""Until devices know shares: what of a partial opacity is kept."""
 
 
 class Images:
-    """Collects the textures that materials read; `headers` become `Outline.images`."""
+    """Collects the pictures that materials need; `headers` become `Outline.images`. Equal ones are one."""
 
     def __init__(self):
         self.headers: list[Image] = []
-        self.sources: list[bpy.types.Image] = []
-        self._indices: dict[str, int] = {}
+        self.sources: list[Picture] = []
+        self.corners: dict[str, Value] = {}
+        self._indices: dict[tuple, int] = {}
 
-    def index(self, image: bpy.types.Image, channel: str) -> int:
-        key = f"{image.name_full}#{channel}"
+    def index(self, value: Value, placement: Placement) -> int:
+        key = (value.key, placement)
         if key not in self._indices:
             self._indices[key] = len(self.headers)
-            self.headers.append(Image(image.name_full, key, channel))
-            self.sources.append(image.original)
+            picture = Picture(value, placement)
+            channel = "COLOR" if value.kind == COLOUR else "VALUE"
+            name = ", ".join(picture.names) or "texture coordinates"
+            self.headers.append(Image(name, f"{value.key}#{placement}", channel, picture.repeats))
+            self.sources.append(picture)
         return self._indices[key]
+
+    def corner(self, value: Value) -> str:
+        """The name by which an opacity tells it."""
+        names = sorted({source.name for source in value.sources if isinstance(source, Attribute)})
+        name = f"{', '.join(names)}#{value.key}"
+        self.corners[name] = value
+        return name
 
 
 def default_material() -> Material:
@@ -81,169 +95,111 @@ def may_glow(material: bpy.types.Material) -> bool:
     return False
 
 
+def _surface_socket(material: bpy.types.Material) -> bpy.types.NodeSocket | None:
+    output = material.node_tree.get_output_node("CYCLES") if material.node_tree is not None else None
+    return None if output is None else output.inputs["Surface"]
+
+
 def _has_surface(material: bpy.types.Material) -> bool:
-    return _source(material.node_tree.get_output_node("CYCLES").inputs["Surface"])[0] is not None
+    socket = _surface_socket(material)
+    return socket is not None and any(link.is_valid and not link.is_muted for link in socket.links)
 
 
 def _surface_of(material: bpy.types.Material, images: Images) -> tuple[Material, list[str]]:
-    name = material.name_full
-    node, unread = _surface_node(material)
-    if node is None:
-        colour = material.diffuse_color
-        warning = f"material '{name}': {unread} is not read, its viewport colour is used"
-        return Material(name, base_color=as_colour(colour[:3]), roughness=float(material.roughness)), [
-            warning
+    if not _has_surface(material):
+        name = material.name_full
+        if material.node_tree is None:
+            colour, roughness = as_colour(material.diffuse_color[:3]), float(material.roughness)
+            warning = f"material '{name}': it has no nodes, its viewport colour is used"
+            return Material(name, colour, roughness=roughness), [warning]
+        return Material(name, (0.0, 0.0, 0.0)), [
+            f"material '{name}': without a shader it is black, as in Cycles"
         ]
-    reader = _Reader(material, node, images)
-    if node.bl_idname == "ShaderNodeBsdfDiffuse":
-        base_color, base_color_image = reader.base_color("Color")
-        read = Material(name, base_color, base_color_image, roughness=1.0)
-        return read, [f"material '{name}': {reason}" for reason in reader.warnings]
-    base_color, base_color_image = reader.base_color("Base Color")
-    opacity = reader.opacity()
-    emission_strength = reader.value("Emission Strength")
-    emission = as_colour(c * emission_strength for c in reader.value("Emission Color")[:3])
-    read = Material(
-        name,
-        base_color,
-        base_color_image,
-        (opacity, opacity),
-        (opacity, opacity),
-        float(reader.value("Roughness")),
-        emission,
-        reader.metallic(),
-    )
-    reader.note_unread_lobes()
-    return read, [f"material '{name}': {reason}" for reason in reader.warnings]
+    return _Maker(material, images).made()
 
 
-def _surface_node(material: bpy.types.Material):
-    """The Principled or Diffuse BSDF at the surface, or None and what is there instead."""
-    tree = material.node_tree
-    output = tree.get_output_node("CYCLES") if tree is not None else None
-    if output is None:
-        return None, "a surface without nodes"
-    node, _socket = _source(output.inputs["Surface"])
-    if node is None:
-        return None, "a surface without a shader"
-    if node.bl_idname not in {"ShaderNodeBsdfPrincipled", "ShaderNodeBsdfDiffuse"}:
-        return None, f"node '{node.name}'"
-    return node, ""
+class _Maker:
+    """Makes a Material of a Surface."""
 
-
-def _source(socket: bpy.types.NodeSocket):
-    """The node and output socket that feed an input, through reroutes; (None, None) where nothing does."""
-    for _hop in range(64):
-        links = [link for link in socket.links if link.is_valid and not link.is_muted]
-        if not links:
-            return None, None
-        node, output = links[0].from_node, links[0].from_socket
-        if node.bl_idname != "NodeReroute":
-            return node, output
-        socket = node.inputs[0]
-    return None, None
-
-
-class _Reader:
-    def __init__(self, material: bpy.types.Material, node: bpy.types.Node, images: Images):
+    def __init__(self, material: bpy.types.Material, images: Images):
         self.material = material
-        self.node = node
         self.images = images
-        self.warnings: list[str] = []
+        self.surface: Surface = surface_at(_surface_socket(material))
+        self.warnings = list(self.surface.warnings)
+        self.placement = Placement()
+        self.corners: Value | None = None
+        self.has_unread_opacity = False
 
-    def value(self, name: str):
-        """An input's constant; a linked one is warned about."""
-        socket = self.node.inputs[name]
-        source, _output = _source(socket)
-        if source is not None:
-            if source.bl_idname in {"ShaderNodeValue", "ShaderNodeRGB"}:
-                return source.outputs[0].default_value
-            self.warnings.append(f"node '{source.name}' is not read for {name}")
-        return socket.default_value
+    def made(self) -> tuple[Material, list[str]]:
+        surface, shown = self.surface, self.surface.shown
+        closures = list(dict.fromkeys((*surface.seen, *surface.casts)))
+        parts = [self._parts(closure) for closure in closures]
+        base = self._base(shown)
+        pictures = [each.picture for each in parts if each.picture is not None]
+        pictures += [] if base.is_constant else [base]
+        if pictures:
+            self.placement, warnings = placement_of(pictures)
+            self.warnings += warnings
+        opacities = {closure: self._opacity(each) for closure, each in zip(closures, parts, strict=True)}
+        seen = opacities[surface.seen[0]], opacities[surface.seen[1]]
+        casts = opacities[surface.casts[0]], opacities[surface.casts[1]]
+        image = None if base.is_constant else self.images.index(base, self.placement)
+        colour = base.constant.tolist() if base.is_constant else self.material.diffuse_color[:3]
+        read = Material(
+            self.material.name_full,
+            as_colour(colour),
+            image,
+            seen,
+            casts,
+            self._constant(shown.roughness, "roughness", 0.5),
+            as_colour(self._constant(shown.emission, "emission", [0.0] * 3)),
+            self._constant(shown.metallic, "metallic", 0.0),
+            unread_opacity=self.has_unread_opacity,
+            is_holdout=self._is_holdout(shown),
+            uv_map=self.placement.uv_map,
+            uv_matrix=self.placement.matrix,
+        )
+        name = self.material.name_full
+        return read, [f"material '{name}': {warning}" for warning in dict.fromkeys(self.warnings)]
 
-    def metallic(self) -> float:
-        """Its constant; 0 where something is linked."""
-        source, _output = _source(self.node.inputs["Metallic"])
-        if source is None:
-            return float(self.node.inputs["Metallic"].default_value)
-        return float(source.outputs[0].default_value) if source.bl_idname == "ShaderNodeValue" else 0.0
+    def _base(self, closure: Closure) -> Value:
+        """The base colour; the viewport colour for one that is not read."""
+        value = closure.base
+        if value.unread or value.hangs_on(Attribute):
+            self.warnings.append(f"{origins(value)} not read for base colour, its viewport colour is used")
+            return constant(COLOUR, self.material.diffuse_color[:3])
+        return value
 
-    def base_color(self, name: str):
-        source, _output = _source(self.node.inputs[name])
-        if source is None or source.bl_idname == "ShaderNodeRGB":
-            return as_colour(self.value(name)[:3]), None
-        viewport = as_colour(self.material.diffuse_color[:3])
-        if source.bl_idname != "ShaderNodeTexImage":
-            self.warnings.append(f"node '{source.name}' is not read for {name}, its viewport colour is used")
-            return viewport, None
-        return viewport, self._image(source, "COLOR", name)
+    def _parts(self, closure: Closure) -> Parts:
+        value = closure.opacity
+        parts = None if value.unread else parts_of(value)
+        if parts is not None and parts.corners is not None:
+            # A corner of a face carries one factor.
+            if self.corners is None:
+                self.corners = parts.corners
+            parts = parts if self.corners.key == parts.corners.key else None
+        if parts is None:
+            self.has_unread_opacity = True
+            self.warnings.append(f"{origins(value)} not read for opacity, it counts as opaque")
+            return Parts()
+        return parts
 
-    def opacity(self) -> Opacity:
-        """What Alpha says; the same on both sides, and for cameras and shadows."""
-        source, output = _source(self.node.inputs["Alpha"])
-        if source is None or source.bl_idname == "ShaderNodeValue":
-            alpha = float(self.value("Alpha"))
-            if alpha >= 1.0:
-                return Opacity()
-            if alpha > 0.0:
-                self.warnings.append(f"alpha {alpha:.3g} is clipped at {ALPHA_THRESHOLD:g}")
-            return Opacity(alpha, threshold=ALPHA_THRESHOLD)
-        threshold = ALPHA_THRESHOLD
-        if source.bl_idname == "ShaderNodeMath" and source.operation == "GREATER_THAN":
-            inner, inner_output = _source(source.inputs[0])
-            if inner is not None and _source(source.inputs[1])[0] is None:
-                threshold = max(float(source.inputs[1].default_value), 1e-6)
-                source, output = inner, inner_output
-        if source.bl_idname != "ShaderNodeTexImage":
-            self.warnings.append(f"node '{source.name}' is not read for Alpha, it counts as opaque")
-            return Opacity()
-        channel = "ALPHA" if output.name == "Alpha" else "LUMINANCE"
-        image = self._image(source, channel, "Alpha")
-        return Opacity(image=image, threshold=threshold) if image is not None else Opacity()
+    def _opacity(self, parts: Parts) -> Opacity:
+        image = None if parts.picture is None else self.images.index(parts.picture, self.placement)
+        corners = "" if parts.corners is None else self.images.corner(parts.corners)
+        opacity = Opacity(parts.uniform, image, corners, parts.threshold)
+        return replace(opacity, threshold=CLIP) if opacity.is_partial or opacity.value <= 0.0 else opacity
 
-    def _image(self, node: bpy.types.Node, channel: str, use: str) -> int | None:
-        """Index of an Image Texture's image; None, with a warning, where it cannot be sampled."""
-        image = node.image
-        if image is None:
-            self.warnings.append(f"node '{node.name}' has no image for {use}")
-            return None
-        if reason := unreadable(image):
-            self.warnings.append(f"image '{image.name_full}' for {use} {reason}")
-            return None
-        vector, output = _source(node.inputs["Vector"])
-        plain = vector is None or (vector.bl_idname == "ShaderNodeTexCoord" and output.name == "UV")
-        if vector is not None and vector.bl_idname == "ShaderNodeUVMap":
-            plain = not vector.from_instancer
-            if vector.uv_map:
-                self.warnings.append(
-                    f"node '{vector.name}': the render UV map is read, not '{vector.uv_map}'"
-                )
-        if not plain:
-            self.warnings.append(f"node '{vector.name}' is not read for {use}: UVs are taken as they are")
-        if node.projection != "FLAT" or node.extension not in {"REPEAT", "EXTEND"}:
-            self.warnings.append(f"node '{node.name}': {use} is sampled flat and repeated")
-        return self.images.index(image, channel)
+    def _constant(self, value: Value, use: str, instead):
+        """The number, or the list of them, of what is read where it is constant."""
+        if value.is_constant:
+            return value.constant.tolist()
+        self.warnings.append(f"{origins(value)} not read for {use}, {np.mean(instead):g} is used")
+        return instead
 
-    def note_unread_lobes(self) -> None:
-        unread = [
-            name
-            for name in _UNREAD_WEIGHTS
-            if self.node.inputs[name].is_linked or self.node.inputs[name].default_value > 0.0
-        ]
-        unread += [name for name in ("Normal",) if self.node.inputs[name].is_linked]
-        if unread:
-            self.warnings.append(
-                "only base colour, roughness, alpha and emission of Principled BSDF are read, not "
-                + ", ".join(name.removesuffix(" Weight") for name in unread)
-            )
-
-
-def unreadable(image: bpy.types.Image) -> str:
-    """Why an image cannot be read, seen without loading it; empty where nothing speaks against it."""
-    if image.source in {"TILED", "SEQUENCE", "MOVIE", "VIEWER"}:
-        return f"is not read: its source is {image.source.lower()}"
-    if image.source == "FILE" and image.packed_file is None and not image.has_data:
-        path = bpy.path.abspath(image.filepath, library=image.library)
-        if not os.path.isfile(path):
-            return f"is missing ({os.path.basename(path) or 'no path'})"
-    return ""
+    def _is_holdout(self, closure: Closure) -> bool:
+        if closure.holdout.equals(1.0):
+            return True
+        if not closure.holdout.equals(0.0):
+            self.warnings.append("a holdout in a part of it is not read, it counts as black")
+        return False

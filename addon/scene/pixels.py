@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import bpy
 import mathutils
 import numpy as np
 
-# Of Rec.709, as Blender turns a colour into a float in a Rec.709 file.
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 _LINEAR_REC709 = {"Linear Rec.709", "Linear"}
 
 
@@ -30,16 +30,34 @@ def pixels_of(image: bpy.types.Image) -> np.ndarray | None:
     return whole
 
 
-def channel_of(pixels: np.ndarray, image: bpy.types.Image, channel: str) -> tuple[np.ndarray, str]:
-    """'ALPHA' and 'LUMINANCE' (H, W) f32, 'COLOR' (H, W, 4) f32 in the working space; a warning or ''."""
+def channel_of(
+    pixels: np.ndarray, image: bpy.types.Image, channel: str, is_straight: bool = True
+) -> tuple[np.ndarray, str]:
+    """'ALPHA' and 'LUMINANCE' (H, W) f32, 'COLOR' (H, W, 4) f32 in the working space; a warning or ''.
+
+    Cycles multiplies the colours in the file by alpha before they become linear. `is_straight`: it divides
+    again, as where a node's Alpha is used beside its Color."""
     if channel == "ALPHA":
         if image.alpha_mode == "NONE":
             return np.ones(pixels.shape[:2], np.float32), ""
         return np.ascontiguousarray(pixels[..., 3]), ""
-    colours, warning = _scene_linear(pixels[..., :3], image)
+    encoded = pixels[..., :3]
+    is_kept_straight = image.alpha_mode == "STRAIGHT"
+    if has_own_alpha(image) and is_straight != is_kept_straight:
+        alpha = pixels[..., 3:]
+        if is_straight:
+            encoded = np.where(alpha > 0.0, encoded / np.where(alpha > 0.0, alpha, 1.0), encoded)
+        elif (alpha != 1.0).any():
+            encoded = encoded * alpha
+    colours, warning = _scene_linear(encoded, image)
     if channel == "LUMINANCE":
-        return np.ascontiguousarray(colours @ _LUMINANCE), warning
+        return np.ascontiguousarray(colours @ luminance_weights().astype(np.float32)), warning
     return np.concatenate([colours, pixels[..., 3:]], axis=2), warning
+
+
+def has_own_alpha(image: bpy.types.Image) -> bool:
+    """Whether its alpha says how much of its colour there is."""
+    return image.alpha_mode in {"STRAIGHT", "PREMUL"} and not image.colorspace_settings.is_data
 
 
 def _scene_linear(colours: np.ndarray, image: bpy.types.Image) -> tuple[np.ndarray, str]:
@@ -56,6 +74,19 @@ def _scene_linear(colours: np.ndarray, image: bpy.types.Image) -> tuple[np.ndarr
         high = ((np.maximum(colours, 0.04045) + 0.055) / 1.055) ** 2.4
         colours = np.where(colours <= 0.04045, low, high).astype(np.float32)
     return colours @ _working_primaries(), warning
+
+
+def luminance_weights() -> np.ndarray:
+    """(3,) float64: what Cycles turns a colour of the file's working space into a float with."""
+    return _weights_of(bpy.data.colorspace.working_space)
+
+
+@cache
+def _weights_of(_working_space: str) -> np.ndarray:
+    weights = np.array(
+        [mathutils.Color(unit).from_scene_linear_to_xyz_d65()[1] for unit in np.eye(3).tolist()], np.float64
+    )
+    return weights / weights.sum()
 
 
 def _working_primaries() -> np.ndarray:

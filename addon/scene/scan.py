@@ -20,6 +20,8 @@ from .hair import curves_mesh, hair_systems, is_splats, particle_hair_mesh, poin
 from .made_mesh import MadeMesh
 from .materials import Images, default_material, material_of
 from .missing import Missing, missing_parts, named
+from .nodes.pictures import Picture
+from .nodes.values import Value
 from .own_settings import own_settings_of
 from .render_depsgraph import engine_of
 from .scanned_lamps import ScannedLamps
@@ -66,15 +68,16 @@ class Scan:
     """The outline, the shot of its camera, and Blender's data behind its meshes and images: to be extracted
     from before the depsgraph changes, and not to be kept. `mesh_owners` are session ids of the objects that
     make the meshes; by the outline's indices, `instance_owners` and `light_owners` are those of objects that
-    stand for themselves, 0 for what an instancer makes."""
+    stand for themselves, 0 for what an instancer makes. `corner_sources`: what opacities' `corners` name."""
 
     outline: Outline
     shot: Shot
     mesh_sources: tuple[bpy.types.Mesh | MadeMesh, ...]
-    image_sources: tuple[bpy.types.Image, ...]
+    image_sources: tuple[Picture, ...]
     mesh_owners: tuple[int, ...] = ()
     instance_owners: tuple[int, ...] = ()
     light_owners: tuple[int, ...] = ()
+    corner_sources: dict[str, Value] = field(default_factory=dict)
 
 
 def scan(depsgraph: bpy.types.Depsgraph, options: ScanOptions = ScanOptions()) -> Scan:
@@ -189,6 +192,7 @@ class _Scanner:
             tuple(self.mesh_owners),
             tuple(self.instance_owners),
             tuple(self.lamps.owners),
+            self.images.corners,
         )
 
     @property
@@ -293,7 +297,9 @@ class _Scanner:
             and not indirect_only,
             "casts_shadow": is_surface and shown.visible_shadow and owner.visible_shadow,
             "medium": None if is_surface else materials[0].medium,
-            "is_holdout": shown.is_holdout or owner.holdout_get(view_layer=view_layer),
+            "is_holdout": shown.is_holdout
+            or owner.holdout_get(view_layer=view_layer)
+            or (is_surface and all(material.is_holdout for material in materials)),
             "own_settings": own_settings_of(shown, "Object"),
         }
 

@@ -14,6 +14,7 @@ from strata.addon.core.arrays import MeshArrays
 from strata.addon.core.outline import Opacity
 from strata.addon.scene.corner_values import corner_opacity
 from strata.addon.scene.extract import BASE_COLOR, CORNER_NORMALS, OPACITY, UV, WANTS, extract
+from strata.addon.scene.nodes.values import COLOUR, FLOAT, Attribute, converted, variable
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.render_depsgraph import with_render_depsgraph
 from strata.addon.scene.scan import ScanOptions, scan
@@ -157,23 +158,19 @@ def test_principled_values(scene):
     assert outline.materials[0].opacities == {Opacity(0.25, threshold=0.5)}
     opacity = arrays.opacities[0].casts[1]
     assert (opacity.value, opacity.threshold) == (0.25, 0.5)
-    assert outline.warnings == (
-        "material 'Red': alpha 0.25 is clipped at 0.5",
-        "material 'Red': only base colour, roughness, alpha and emission of Principled BSDF are read, "
-        "not Transmission",
-    )
+    assert outline.warnings == ("material 'Red': of node 'Principled BSDF' Transmission is not read",)
 
 
 def test_other_surfaces_fall_back_to_the_viewport_colour(scene):
     bpy.ops.mesh.primitive_cube_add()
     thing = bpy.context.object
-    material, _ = material_on(thing, "Glass")
+    material, _ = material_on(thing, "Odd")
     material.diffuse_color = (0.1, 0.2, 0.3, 1.0)
     tree = material.node_tree
     tree.nodes.clear()
-    glass, output = tree.nodes.new("ShaderNodeBsdfGlass"), tree.nodes.new("ShaderNodeOutputMaterial")
+    odd, output = tree.nodes.new("ShaderNodeBsdfRayPortal"), tree.nodes.new("ShaderNodeOutputMaterial")
     reroute = tree.nodes.new("NodeReroute")
-    tree.links.new(glass.outputs[0], reroute.inputs[0])
+    tree.links.new(odd.outputs[0], reroute.inputs[0])
     tree.links.new(reroute.outputs[0], output.inputs["Surface"])
     bare, _ = material_on(thing, "Bare")
     bare.node_tree.nodes.clear()
@@ -183,15 +180,20 @@ def test_other_surfaces_fall_back_to_the_viewport_colour(scene):
     noisy.node_tree.links.new(noise.outputs[0], node.inputs["Alpha"])
     thing.data.materials.append(None)
     outline, _ = read(scene)
-    colours = {material.name: material.base_color for material in outline.materials}
-    assert colours["Glass"] == pytest.approx((0.1, 0.2, 0.3))
-    for name in ("", "Bare", "Noisy"):
+    materials = {material.name: material for material in outline.materials}
+    colours = {name: material.base_color for name, material in materials.items()}
+    assert colours["Odd"] == pytest.approx((0.1, 0.2, 0.3))
+    assert {name for name, material in materials.items() if material.unread_opacity} == {"Odd", "Noisy"}
+    assert all(each.is_whole for material in materials.values() for each in material.opacities)
+    assert colours["Bare"] == (0.0, 0.0, 0.0)
+    for name in ("", "Noisy"):
         assert colours[name] == pytest.approx((0.8, 0.8, 0.8))
     assert outline.warnings == (
-        "material 'Glass': node 'Glass BSDF' is not read, its viewport colour is used",
-        "material 'Bare': a surface without nodes is not read, its viewport colour is used",
-        "material 'Noisy': node 'Noise Texture' is not read for Base Color, its viewport colour is used",
-        "material 'Noisy': node 'Noise Texture' is not read for Alpha, it counts as opaque",
+        "material 'Odd': node 'Ray Portal BSDF' is not read for opacity, it counts as opaque",
+        "material 'Odd': node 'Ray Portal BSDF' is not read for base colour, its viewport colour is used",
+        "material 'Bare': without a shader it is black, as in Cycles",
+        "material 'Noisy': node 'Noise Texture' is not read for opacity, it counts as opaque",
+        "material 'Noisy': node 'Noise Texture' is not read for base colour, its viewport colour is used",
     )
 
 
@@ -229,10 +231,18 @@ def test_alpha_images_clip(scene, output, threshold):
     assert not outline.warnings + arrays.warnings
     (opacities,) = arrays.opacities
     opacity = opacities.seen[0]
-    assert opacity.threshold == (threshold or 0.5)
-    expected = pixels[..., 3] if output == "Alpha" else pixels[..., :3] @ [0.2126, 0.7152, 0.0722]
+    assert opacity.threshold == pytest.approx(threshold or 0.5, rel=1e-6)  # more than, in float32
+    expected = pixels[..., 3] if output == "Alpha" else pixels[..., :3] @ CYCLES_LUMINANCE
     np.testing.assert_allclose(opacity.texels, expected, atol=1e-6)
     assert arrays.meshes[0].corner_uvs is not None
+
+
+# Red, green and blue light of a Rec.709 file as its RGB to BW turns them into floats.
+CYCLES_LUMINANCE = [0.2126391, 0.7151691, 0.0721927]
+
+
+def factor(name, output):
+    return variable(COLOUR if output == "Color" else FLOAT, Attribute(name, output))
 
 
 def test_opacity_of_corners(scene):
@@ -255,14 +265,17 @@ def test_opacity_of_corners(scene):
         np.array(corners, np.float32), vertices, np.arange(0, 17, 4, dtype=np.int32), face_slots=slots
     )
     warnings = []
-    found = corner_opacity(mesh, read_mesh, ["there", "", "tint.alpha", "lost"], "Strips", warnings)
+    found = corner_opacity(
+        mesh, read_mesh, [factor("there", "Fac"), None, factor("tint", "Alpha"), factor("lost", "Fac")],
+        "Strips", warnings,
+    )  # fmt: skip
     np.testing.assert_allclose(found[:4], [0.0, 0.1, 0.6, 0.5], atol=1e-6)
     assert (found[4:8] == 1.0).all()
     np.testing.assert_array_equal(found[8:12], [0.0, *rgba[9:12, 3]])
     assert (found[12:] == 0.0).all()
     assert warnings == ["object 'Strips': it has no attribute 'lost', which counts as 0"]
-    found = corner_opacity(mesh, read_mesh, ["tint"], "Strips", warnings)
-    np.testing.assert_allclose(found[9:], rgba[9:, :3] @ [0.2126, 0.7152, 0.0722], rtol=1e-5)
+    found = corner_opacity(mesh, read_mesh, [converted(factor("tint", "Color"), FLOAT)], "Strips", warnings)
+    np.testing.assert_allclose(found[9:], rgba[9:, :3] @ CYCLES_LUMINANCE, rtol=1e-5)
 
 
 @pytest.mark.parametrize("working_space", ["Linear Rec.709", "Linear Rec.2020", "ACEScg"])
@@ -281,6 +294,8 @@ def test_colours_are_scene_linear(scene, space, working_space):
     (texels,) = arrays.textures.values()
     colours = pixels[..., :3].reshape(-1, 3).tolist()
     if space == "sRGB":
+        # The node's Alpha is not linked: Cycles shows colours over black then.
+        colours = (pixels[..., :3] * pixels[..., 3:]).reshape(-1, 3).tolist()
         colours = [mathutils.Color(c).from_srgb_to_scene_linear()[:] for c in colours]
     np.testing.assert_allclose(texels[..., :3].reshape(-1, 3), colours, atol=1e-6)
     np.testing.assert_allclose(texels[..., 3], pixels[..., 3], atol=1e-6)
@@ -302,7 +317,7 @@ def test_missing_and_broken_images(scene, tmp_path):
     outline, arrays = read(scene)
     gone = [w for w in outline.warnings if w.startswith("material 'Gone'")]
     assert len(gone) == 2
-    assert all("is missing (Gone.png)" in warning for warning in gone)
+    assert all("it is missing: Gone.png" in warning for warning in gone)
     assert {w.split(":")[0] for w in arrays.warnings} == {"material 'Broken'"}
     assert not arrays.textures
     found = [each.seen[0] for each in arrays.opacities]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from strata.addon.effects.registry import EFFECTS
+from strata.scripts.build import reading_docs
 from strata.scripts.build.docs_html import pages
 from strata.scripts.build.effect_docs import FOLDER, page, steps_of
 from strata.tests.support.places import ROOT
@@ -106,3 +107,7 @@ def test_readme_tells_the_make_targets_that_exist():
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
     dry = subprocess.run(["make", "--dry-run", "lint"], cwd=ROOT, capture_output=True, text=True)
     assert dry.returncode == 0, dry.stderr
+
+
+def test_the_page_on_reading_is_what_the_code_says():
+    assert reading_docs.FILE.read_text(encoding="utf-8") == reading_docs.page(), "run reading_docs"

@@ -1,0 +1,74 @@
+"""docs/reading.md, from the code that reads nodes: run as a module, this writes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+# Whoever lists readers needs what enters them.
+from strata.addon.scene.nodes import surface  # noqa: F401
+from strata.addon.scene.nodes.closures import OTHER_BSDF
+from strata.addon.scene.nodes.registry import SHADERS, VALUES, Reading
+
+FILE = Path(__file__).resolve().parents[2] / "docs" / "reading.md"
+
+_INTRO = """# What is read of materials
+
+<!-- Written by `python -m strata.scripts.build.reading_docs` from the code: change that. -->
+
+Strata reads a material from its output node for Cycles, through links, reroutes, muted nodes and node groups
+as Cycles does. What comes out is how much the surface stops, its base colour, roughness, metallic, emission,
+and whether it is a holdout.
+
+- **Opacity** is 1 less the luminance of what Transparent BSDFs let through. It is read four times: for
+  cameras and for shadow rays, of the front and of the back. Cycles does not heed a material's Backface
+  Culling, and neither does Strata.
+- **Base colour** is the share of diffuse light that comes back, of the front as a camera sees it.
+- **Constants** are folded in float64.
+- **What hangs on textures** is evaluated at texels, as many as the finest image has, and kept once however
+  many materials use it. One Mapping of all of a material's textures moves the mesh's coordinates and costs
+  nothing; where they differ, pictures are evaluated over the unit square, and a mesh whose UVs leave it is
+  told of. A texture that is compared with a number stays a texture and a threshold, so that its edges are
+  where Cycles has them.
+- **What hangs on attributes** is evaluated at the corners of faces, for opacity. A product of the two is kept
+  as two factors.
+- **What is not read** is told of, with the node's name and what is assumed: it counts as opaque, and the
+  viewport colour stands for the base colour. Only what the answer hangs on counts: a factor that mixes two
+  opaque shaders leaves the opacity known.
+"""
+
+
+def page() -> str:
+    """Markdown."""
+    return "\n".join(
+        [
+            _INTRO,
+            "## Shaders of surfaces",
+            "",
+            *_table(SHADERS),
+            "",
+            "All others are not read.",
+            "",
+            "## Nodes that give numbers and colours",
+            "",
+            *_table(VALUES),
+            "",
+            "All others (Noise, Fresnel, Layer Weight, Object Info, ...) are not read.",
+            "",
+        ]
+    )
+
+
+def _table(readings: dict[str, Reading]) -> list[str]:
+    rows = ["| Node | What is read | What is not, or is assumed instead |", "|---|---|---|"]
+    titled = sorted(((_title(kind), reading) for kind, reading in readings.items()), key=lambda row: row[0])
+    return rows + [f"| {title} | {reading.how} | {reading.instead} |" for title, reading in titled]
+
+
+def _title(kind: str) -> str:
+    return "Any other BSDF with a colour" if kind == OTHER_BSDF else getattr(bpy.types, kind).bl_rna.name
+
+
+if __name__ == "__main__":
+    FILE.write_text(page(), encoding="utf-8")
