@@ -43,9 +43,10 @@ def _kind(datablock: bpy.types.ID) -> str:
 
 
 def missing_parts(depsgraph: bpy.types.Depsgraph) -> list[Missing]:
-    """Of all that the depsgraph evaluates: datablocks of libraries, types of nodes, scripts and drivers."""
+    """Of all that the depsgraph evaluates: datablocks of libraries, types of nodes, scripts and drivers; and
+    what Cycles leaves out by itself."""
     found = _Evaluated([each.original for each in depsgraph.ids])
-    return [*_datablocks(found), *_nodes(found), *_scripts(), *_drivers(found)]
+    return [*_datablocks(found), *_nodes(found), *_scripts(), *_drivers(found), *_culled(found, depsgraph)]
 
 
 class _Evaluated:
@@ -148,3 +149,18 @@ def _drivers(found: _Evaluated) -> Iterator[Missing]:
                 "it is taken as the file was saved",
                 found.is_shape(each),
             )
+
+
+def _culled(found: _Evaluated, depsgraph: bpy.types.Depsgraph) -> Iterator[Missing]:
+    """Objects that Cycles (its object_cull.cpp) leaves out where they are out of sight, shadows and all."""
+    scene = depsgraph.scene
+    cycles = getattr(scene, "cycles", None)  # not there where Cycles is switched off
+    ways = [way for way in ("use_camera_cull", "use_distance_cull") if getattr(cycles, way, False)]
+    if scene.render.use_simplify and ways:
+        objects = (each for each in found.all if isinstance(each, bpy.types.Object))
+        names = [each.name for each in objects if any(getattr(each.cycles, way) for way in ways)]
+        if names:
+            line = (
+                f"{named(names, 'object')}: Cycles' culling is not read, shadows are there wherever they are"
+            )
+            yield Missing(line)

@@ -157,7 +157,7 @@ class _Scanner:
         if self.is_render:
             for warning in unbaked_simulations(self.depsgraph):
                 self._warn(warning)
-        world, world_medium = scene.world, None
+        world, world_medium = self.depsgraph.view_layer_eval.world_override or scene.world, None
         if world is not None and world.node_tree is not None:
             world_medium, warnings = volume_of(world.node_tree, f"world '{world.name}'")
             for warning in warnings:
@@ -344,7 +344,10 @@ class _Scanner:
         return len(self.meshes) - 1
 
     def _slot_materials(self, instance, shown: bpy.types.Object, data: bpy.types.ID) -> tuple[int, ...]:
-        """The mesh's, overridden by those that the object itself fills (BKE_object_material_get_eval)."""
+        """The mesh's, overridden by those that the object itself fills (BKE_object_material_get_eval); the
+        view layer's one for all, if it has one."""
+        if (override := self.depsgraph.view_layer_eval.material_override) is not None:
+            return (self._material_index(override),)
         used = list(data.materials)
         source = instance.instance_object if instance.is_instance else shown
         if (

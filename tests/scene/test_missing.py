@@ -191,6 +191,19 @@ def test_displacement_is_told(scene, linked, method, values, is_told):
     assert outline.warnings == outline.unknown == ((line,) if is_told else ())
 
 
+def test_culling_of_cycles_is_told(scene):
+    cube("Near")
+    cube("Far").cycles.use_distance_cull = True
+    scene.cycles.use_distance_cull = True
+    assert read(scene)[0].warnings == ()
+    scene.render.use_simplify = True
+    line = "object 'Far': Cycles' culling is not read, shadows are there wherever they are"
+    assert read(scene)[0].warnings == (line,)
+    scene.cycles.use_distance_cull = False
+    scene.cycles.use_camera_cull = True
+    assert read(scene)[0].warnings == ()
+
+
 def test_few_of_many_names_are_told():
     assert named([], "object") == ""
     assert named(["B", "A", "B"], "object") == "objects 'A', 'B'"

@@ -219,6 +219,26 @@ def test_visibility(scene):
     }
 
 
+def test_a_view_layer_overrides_materials_and_the_world(scene):
+    shown = cube("Cube")
+    for name in ("First", "Second"):
+        shown.data.materials.append(bpy.data.materials.new(name))
+    shown.data.polygons[3].material_index = 1
+    clay = bpy.data.materials.new("Clay")
+    clay.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.1, 0.2, 0.3, 1.0)
+    scene.world, night = bpy.data.worlds.new("Day"), bpy.data.worlds.new("Night")
+    second = scene.view_layers.new("Second")
+    second.material_override, second.world_override = clay, night
+    plain, _ = read(scene)
+    assert [material.name for material in plain.materials] == ["First", "Second"]
+    assert plain.world_light == "Day"
+    overridden, _ = read(scene, layer=1)
+    assert [material.name for material in overridden.materials] == ["Clay"]
+    assert overridden.materials[0].base_color == pytest.approx((0.1, 0.2, 0.3))
+    assert overridden.instances[0].materials == (0,)
+    assert overridden.world_light == "Night"
+
+
 def test_an_instancer_hides_its_instances(scene):
     library = bpy.data.collections.new("Library")
     cube("Cube", library)
