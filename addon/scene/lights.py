@@ -2,7 +2,7 @@
 
 Radiance of a light of power P, `normalize` on: area P / (pi A); point and spot P / (4 pi² r²), that is
 intensity P / (4 pi) whatever the radius; sun E / (pi sin² half angle), that is irradiance E. With it off the
-area (A, 4 pi r², pi sin²) becomes 1. P is times 2^exposure, colour, temperature and the Emission node.
+area (A, 4 pi r², pi sin²) becomes 1. P is times 2^exposure, colour, temperature and what its nodes emit.
 """
 
 from __future__ import annotations
@@ -14,6 +14,9 @@ import numpy as np
 
 from ..core.emitter import Emitter, EmitterKind
 from ..core.outline import Colour, Light
+from .nodes import readers  # noqa: F401 (what reads the nodes of inputs)
+from .nodes.closures import closure_at
+from .nodes.graph import Graph, link_of, origins
 from .own_settings import casts_shadow
 from .transforms import LARGEST, are_finite, as_vector, matrix_of
 
@@ -113,36 +116,26 @@ def _emitter(
 
 def _strength(light: bpy.types.Light, name: str) -> tuple[Colour, list[str]]:
     """Colour times power, linear in the working space, and warnings."""
-    node, warnings = _emission_node(light)
-    if light.node_tree is not None and node is None and not warnings:
-        return (0.0, 0.0, 0.0), []
+    emission, warnings = _emission(light)
     with np.errstate(over="ignore", invalid="ignore"):  # whoever asks looks whether it is finite
         strength = np.array(light.color[:], np.float64) * light.energy * np.exp2(light.exposure)
         if light.use_temperature:
             strength = strength * light.temperature_color[:]
-        if node is not None:
-            inputs = node.inputs
-            strength = strength * inputs["Color"].default_value[:3] * inputs["Strength"].default_value
-    return as_vector(strength), [f"light '{name}': {reason}" for reason in warnings]
+        strength = strength * emission
+    return as_vector(strength), [f"light '{name}': {warning}" for warning in warnings]
 
 
-def _emission_node(light: bpy.types.Light):
-    """The Emission node that the light shines by (None: black), and what of the nodes is not read."""
-    tree = light.node_tree
-    if tree is None:
-        return None, []
-    output = tree.get_output_node("CYCLES")
-    links = output.inputs["Surface"].links if output is not None else ()
-    if not links:
-        return None, []
-    node = links[0].from_node
-    if node.bl_idname != "ShaderNodeEmission":
-        return None, [f"node '{node.name}' is not read, the light shines evenly"]
-    linked = [
-        socket.name for socket in node.inputs if socket.is_linked and socket.name in {"Color", "Strength"}
-    ]
-    if linked:
-        return None, [
-            f"nodes linked to Emission {' and '.join(linked)} are not read, the light shines evenly"
-        ]
-    return node, []
+def _emission(light: bpy.types.Light) -> tuple[np.ndarray, list[str]]:
+    """(3,) what its nodes multiply it by, and what of them is not read."""
+    if light.node_tree is None:
+        return np.ones(3), []
+    output = light.node_tree.get_output_node("CYCLES")
+    if output is None or link_of(output.inputs["Surface"]) is None:
+        return np.zeros(3), []
+    graph = Graph()
+    closure = closure_at(graph, output.inputs["Surface"])
+    warnings = [f"{warning}: the light shines evenly" for warning in graph.warnings]
+    if closure.opacity.unread or not closure.emission.is_constant:
+        unread = closure.opacity if closure.opacity.unread else closure.emission
+        return np.ones(3), [f"{origins(unread)} not read, the light shines evenly"]
+    return closure.emission.constant, warnings

@@ -1,6 +1,6 @@
 """Volumes of worlds and materials, where they are the same everywhere: Volume Scatter, Volume Absorption,
-Principled Volume, Volume Coefficients, and sums of them. Coefficients as Cycles has them (its
-`kernel/svm/closure.h`)."""
+Principled Volume, Volume Coefficients, sums of them and mixes by constants, their inputs constant (nodes/).
+Coefficients as Cycles has them (its `kernel/svm/closure.h`)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import math
 import bpy
 
 from ..core.medium import Medium
+from .nodes import readers  # noqa: F401 (what reads the nodes of inputs)
+from .nodes.graph import At, Graph, Path, link_of, origins, unlinked
+from .nodes.values import saturated
 
 # A phase function of exactly 1 or -1 is a mirror: Cycles stops short of it too.
 MOST_ANISOTROPY = 0.9999
@@ -20,51 +23,72 @@ def volume_of(tree: bpy.types.NodeTree | None, where: str) -> tuple[Medium | Non
     """The medium at a node tree's volume output, None where there is none or it cannot be read, and
     warnings."""
     output = tree.get_output_node("CYCLES") if tree is not None else None
-    node = _source(output.inputs["Volume"]) if output is not None else None
-    if node is None:
+    if output is None or link_of(output.inputs["Volume"]) is None:
         return None, []
     reader = _Reader(where)
-    reader.add(node)
+    reader.add(output.inputs["Volume"])
+    reader.warnings += [f"{where}: {warning}" for warning in reader.graph.warnings]
     if reader.unread:
         return None, [f"{where}: its volume is not read ({reason})" for reason in reader.unread]
     return reader.medium(), reader.warnings
 
 
-def _source(socket: bpy.types.NodeSocket):
-    """The node that feeds an input, through reroutes; None where nothing does."""
-    for _hop in range(64):
-        links = [link for link in socket.links if link.is_valid and not link.is_muted]
-        if not links:
-            return None
-        node = links[0].from_node
-        if node.bl_idname != "NodeReroute":
-            return node
-        socket = node.inputs[0]
-    return None
+VOLUMES = {
+    "ShaderNodeVolumeScatter": "as Cycles; of phase functions Henyey-Greenstein's, and Draine's as that one; "
+    "the others count as even",
+    "ShaderNodeVolumeAbsorption": "as Cycles",
+    "ShaderNodeVolumePrincipled": "as Cycles, without what it emits",
+    "ShaderNodeVolumeCoefficients": "as Cycles, without what it emits",
+    "ShaderNodeAddShader": "the sum of its volumes",
+    "ShaderNodeMixShader": "the mix of its volumes by a constant",
+}
+"""What is read, for docs/reading.md."""
 
 
 class _Reader:
     def __init__(self, where: str):
         self.where = where
+        self.graph = Graph()
+        self.weight = 1.0
         self.scattering = [0.0, 0.0, 0.0]
         self.absorption = [0.0, 0.0, 0.0]
         self.turned = 0.0  # anisotropy times scattering
         self.unread: list[str] = []
         self.warnings: list[str] = []
 
-    def add(self, node: bpy.types.Node) -> None:
+    def add(self, socket: bpy.types.NodeSocket, path: Path = (), weight: float = 1.0) -> None:
+        """What feeds an input, so much of it."""
+        link = link_of(socket)
+        if link is None:
+            return
+        node = link.from_node
+        origin = self.graph.follow(node, link.from_socket, path)
+        if origin is None:
+            return
+        if origin is not False:
+            self.add(*origin, weight)
+            return
+        at = At(self.graph, node, path)
         kinds = {
             "ShaderNodeVolumeScatter": self._scatter,
             "ShaderNodeVolumeAbsorption": self._absorption,
             "ShaderNodeVolumePrincipled": self._principled,
             "ShaderNodeVolumeCoefficients": self._coefficients,
         }
-        if node.bl_idname == "ShaderNodeAddShader":
-            for socket in node.inputs:
-                if (shader := _source(socket)) is not None:
-                    self.add(shader)
+        if node.bl_idname in {"ShaderNodeAddShader", "ShaderNodeMixShader"}:
+            weights = (weight, weight)
+            if node.bl_idname == "ShaderNodeMixShader":
+                share = saturated(at.input("Fac"))
+                if not share.is_constant:
+                    self.unread.append(f"what mixes its shaders: {origins(share)} not read")
+                    return
+                weights = (weight * (1.0 - share.number()), weight * share.number())
+            for name, each in zip(("Shader", "Shader_001"), weights, strict=True):
+                if each > 0.0:
+                    self.add(at.socket(name), path, each)
         elif node.bl_idname in kinds:
-            kinds[node.bl_idname](node)
+            self.weight = weight
+            kinds[node.bl_idname](at)
         else:
             self.unread.append(f"node '{node.name}'")
 
@@ -85,60 +109,58 @@ class _Reader:
         return None if medium.is_empty else medium
 
     def _collect(self, scattering, absorption, anisotropy: float) -> None:
-        scattering = [max(float(s), 0.0) for s in scattering]
+        scattering = [self.weight * max(float(s), 0.0) for s in scattering]
+        absorption = [self.weight * max(float(a), 0.0) for a in absorption]
         self.scattering = [a + b for a, b in zip(self.scattering, scattering, strict=True)]
-        self.absorption = [a + max(float(b), 0.0) for a, b in zip(self.absorption, absorption, strict=True)]
+        self.absorption = [a + b for a, b in zip(self.absorption, absorption, strict=True)]
         if self.turned and sum(scattering) and anisotropy != self.turned / sum(self.scattering):
             self.warnings.append(f"{self.where}: its phase functions are taken as one of their mean cosine")
         self.turned += anisotropy * sum(scattering)
 
-    def _value(self, node: bpy.types.Node, name: str):
-        """An input's constant; anything that varies is not read."""
-        socket = node.inputs[name]
-        source = _source(socket)
-        if source is None:
-            return socket.default_value
-        if source.bl_idname in {"ShaderNodeValue", "ShaderNodeRGB"}:
-            return source.outputs[0].default_value
-        self.unread.append(f"node '{source.name}' varies its {name.lower()}")
-        return socket.default_value
+    def _value(self, at: At, name: str):
+        """An input's number, or the list of them; anything that varies is not read."""
+        value = at.input(name)
+        if not value.is_constant:
+            self.unread.append(f"its {name.lower()}: {origins(value)} not read")
+            value = unlinked(at.socket(name))
+        return value.constant.tolist()
 
-    def _phase(self, node: bpy.types.Node) -> float:
-        kind = getattr(node, "phase", "HENYEY_GREENSTEIN")
+    def _phase(self, at: At) -> float:
+        kind = getattr(at.node, "phase", "HENYEY_GREENSTEIN")
         if kind == "HENYEY_GREENSTEIN":
-            return float(self._value(node, "Anisotropy"))
+            return float(self._value(at, "Anisotropy"))
         if kind == "DRAINE":
             self.warnings.append(f"{self.where}: Draine's phase function is taken as Henyey-Greenstein's")
-            return float(self._value(node, "Anisotropy"))
-        self.warnings.append(f"{self.where}: the phase function of node '{node.name}' is taken as even")
+            return float(self._value(at, "Anisotropy"))
+        self.warnings.append(f"{self.where}: the phase function of node '{at.node.name}' is taken as even")
         return 0.0
 
-    def _scatter(self, node: bpy.types.Node) -> None:
-        density = self._density(node)
-        colour = self._value(node, "Color")[:3]
-        self._collect([c * density for c in colour], [0.0] * 3, self._phase(node))
+    def _scatter(self, at: At) -> None:
+        density = self._density(at)
+        colour = self._value(at, "Color")
+        self._collect([c * density for c in colour], [0.0] * 3, self._phase(at))
 
-    def _absorption(self, node: bpy.types.Node) -> None:
-        density = self._density(node)
-        colour = self._value(node, "Color")[:3]
+    def _absorption(self, at: At) -> None:
+        density = self._density(at)
+        colour = self._value(at, "Color")
         self._collect([0.0] * 3, [(1.0 - c) * density for c in colour], 0.0)
 
-    def _principled(self, node: bpy.types.Node) -> None:
-        density = self._density(node)
-        colour = [max(c, 0.0) for c in self._value(node, "Color")[:3]]
-        tint = [math.sqrt(max(c, 0.0)) for c in self._value(node, "Absorption Color")[:3]]
+    def _principled(self, at: At) -> None:
+        density = self._density(at)
+        colour = [max(c, 0.0) for c in self._value(at, "Color")]
+        tint = [math.sqrt(max(c, 0.0)) for c in self._value(at, "Absorption Color")]
         taken = [max(1.0 - c, 0.0) * max(1.0 - t, 0.0) for c, t in zip(colour, tint, strict=True)]
-        anisotropy = float(self._value(node, "Anisotropy"))
+        anisotropy = float(self._value(at, "Anisotropy"))
         self._collect([c * density for c in colour], [t * density for t in taken], anisotropy)
-        if self._value(node, "Emission Strength") > 0.0 or self._value(node, "Blackbody Intensity") > 0.0:
+        if self._value(at, "Emission Strength") > 0.0 or self._value(at, "Blackbody Intensity") > 0.0:
             self.warnings.append(f"{self.where}: the light that its volume emits is not baked")
 
-    def _coefficients(self, node: bpy.types.Node) -> None:
-        scattering = self._value(node, "Scatter Coefficients")[:3]
-        absorption = self._value(node, "Absorption Coefficients")[:3]
-        self._collect(scattering, absorption, self._phase(node))
-        if any(self._value(node, "Emission Coefficients")[:3]):
+    def _coefficients(self, at: At) -> None:
+        scattering = self._value(at, "Scatter Coefficients")
+        absorption = self._value(at, "Absorption Coefficients")
+        self._collect(scattering, absorption, self._phase(at))
+        if any(self._value(at, "Emission Coefficients")):
             self.warnings.append(f"{self.where}: the light that its volume emits is not baked")
 
-    def _density(self, node: bpy.types.Node) -> float:
-        return max(float(self._value(node, "Density")), 0.0)
+    def _density(self, at: At) -> float:
+        return max(float(self._value(at, "Density")), 0.0)

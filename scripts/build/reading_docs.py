@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-
-# Whoever lists readers needs what enters them.
-from strata.addon.scene.nodes import surface  # noqa: F401
+from strata.addon.scene.nodes import readers  # noqa: F401 (what enters the registry)
 from strata.addon.scene.nodes.closures import OTHER_BSDF
 from strata.addon.scene.nodes.registry import SHADERS, VALUES, Reading
+from strata.addon.scene.volumes import VOLUMES
 
 FILE = Path(__file__).resolve().parents[2] / "docs" / "reading.md"
 
@@ -49,6 +48,19 @@ def page() -> str:
             *_table(SHADERS),
             "",
             "All others are not read.",
+            "",
+            "## Volumes, where they are the same everywhere",
+            "",
+            "| Node | What is read |",
+            "|---|---|",
+            *(f"| {_title(kind)} | {how} |" for kind, how in VOLUMES.items()),
+            "",
+            "A volume with any other node, or with an input that varies, is not read.",
+            "",
+            "## Lamps",
+            "",
+            "What its shaders emit, where that is constant, times its own colour and power. A lamp with",
+            "anything else shines evenly, by its own colour and power.",
             "",
             "## Nodes that give numbers and colours",
             "",

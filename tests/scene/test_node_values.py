@@ -260,3 +260,15 @@ def test_surfaces_without_shaders_are_black(tmp_path):
     assert surface.shown.opacity.equals(1.0)
     assert surface.shown.base.equals(0.0)
     np.testing.assert_array_equal(rendered(tmp_path), np.broadcast_to([0, 0, 0, 1], (SIZE, SIZE, 4)))
+
+
+@pytest.mark.parametrize("kelvin", [500.0, 900.0, 1000.0, 1300.0, 1700.0, 3000.0, 5000.0, 6500.0, 20000.0])
+def test_black_bodies_are_cycles_own(kelvin, tmp_path):
+    tree, _nodes = with_card(0)
+    body = node_of(tree, "Blackbody", Temperature=kelvin)
+    emission = node_of(tree, "Emission", Color=body.outputs[0])
+    tree.links.new(emission.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    # Cycles' coefficients are float32.
+    np.testing.assert_allclose(
+        value_at(emission.inputs["Color"]).constant, rendered(tmp_path)[0, 0, :3], rtol=1e-5, atol=1e-6
+    )

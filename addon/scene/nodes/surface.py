@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import bpy
 
-# Whoever reads a graph needs what reads its nodes.
-from . import numbers, situations, textures  # noqa: F401
+from . import readers  # noqa: F401 (what reads its nodes)
 from .closures import Closure, closure_at
 from .graph import Graph, Situation
 
