@@ -8,11 +8,18 @@ import bpy
 import mathutils
 import numpy as np
 
+from .tiles import tiled_pixels
+
 _LINEAR_REC709 = {"Linear Rec.709", "Linear"}
+
+
+LARGEST = 4096  # texels a side of what is put together or evaluated
 
 
 def pixels_of(image: bpy.types.Image) -> np.ndarray | None:
     """(H, W, 4) f32 as Blender keeps them, row 0 at the bottom; None for an image that cannot be loaded."""
+    if image.source == "TILED":
+        return tiled_pixels(image, LARGEST)
     width, height = image.size
     channels = image.channels
     if width * height == 0 or channels not in {1, 3, 4}:

@@ -7,7 +7,9 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
+from strata.addon.core.arrays import MeshArrays
 from strata.addon.core.outline import Opacity
+from strata.addon.scene.corner_values import corner_opacity
 from strata.addon.scene.materials import CLIP, Images, material_of
 from strata.addon.scene.nodes.pictures import sample
 from strata.addon.scene.pixels import pixels_of
@@ -276,6 +278,38 @@ def test_vertex_alpha_and_its_product_with_a_texture(card):
     assert card.show(card.node("MixShader", total, clear, card.principled.outputs[0])).unread_opacity
 
 
+@pytest.mark.parametrize(
+    ("kind", "domain", "node", "output"),
+    [("FLOAT", "FACE", "Attribute", "Fac"), ("FLOAT_COLOR", "CORNER", "Attribute", "Color"),
+     ("FLOAT_COLOR", "CORNER", "Attribute", "Fac"), ("BYTE_COLOR", "POINT", "VertexColor", "Color"),
+     ("FLOAT_COLOR", "POINT", "VertexColor", "Alpha"), ("FLOAT_VECTOR", "POINT", "Attribute", "Vector"),
+     ("FLOAT2", "CORNER", "Attribute", "Fac"), ("INT", "FACE", "Attribute", "Fac"),
+     ("BOOLEAN", "FACE", "Attribute", "Fac"), ("FLOAT", "POINT", "Attribute", "Alpha")],
+)  # fmt: skip
+def test_attributes_are_cycles_own(card, kind, domain, node, output, tmp_path):
+    """The same all over the card, so that nothing is interpolated; half of it is the opacity."""
+    numbers = [0.8, 0.3, 0.1, 0.6]
+    attribute = card.mesh.attributes.new("Paint", kind, domain)
+    for element in attribute.data:
+        field = "color" if "COLOR" in kind else "vector" if kind in ("FLOAT2", "FLOAT_VECTOR") else "value"
+        count = {"FLOAT_VECTOR": 3, "FLOAT2": 2}.get(kind, 4)
+        value = numbers[:count] if field != "value" else 1 if kind in ("INT", "BOOLEAN") else numbers[0]
+        setattr(element, field, value)
+    reader = card.tree.nodes.new(f"ShaderNode{node}")
+    setattr(reader, "layer_name" if node == "VertexColor" else "attribute_name", "Paint")
+    half = card.node("Math", reader.outputs[output], 0.5, operation="MULTIPLY")
+    opacity = on_both_sides(
+        card.show(card.node("MixShader", half, card.node("BsdfTransparent"), card.node("Emission")))
+    )
+    warnings = []
+    positions = np.array([v.co[:] for v in card.mesh.vertices], np.float32)
+    arrays = MeshArrays(positions, np.arange(4, dtype=np.int32), np.array([0, 4], np.int32))
+    found = corner_opacity(card.mesh, arrays, [card.images.corners[opacity.corners]], "Card", warnings)
+    assert not warnings
+    # Cycles keeps painted bytes as bytes.
+    np.testing.assert_allclose(found, rendered(tmp_path)[SIZE // 2, SIZE // 2, 3], atol=1e-5)
+
+
 def test_pictures_of_a_material_lie_where_its_mapping_puts_them(card):
     """One Mapping moves the mesh's coordinates; with two, pictures are evaluated over the unit square."""
     texture = card.tree.nodes.new("ShaderNodeTexImage")
@@ -336,3 +370,45 @@ def test_equal_pictures_are_one(card):
     second = on_both_sides(material_of(twin, images)[0])
     assert first == replace(second)
     assert len(images.headers) == 1
+
+
+def test_a_cutout_in_nested_groups(card):
+    """As a material of a library may be: the picture outside, the shaders inside, a value through both."""
+
+    def group(name, *inputs):
+        made = bpy.data.node_groups.new(name, "ShaderNodeTree")
+        for label, kind in inputs:
+            made.interface.new_socket(label, in_out="INPUT", socket_type=f"NodeSocket{kind}")
+        made.interface.new_socket("Surface", in_out="OUTPUT", socket_type="NodeSocketShader")
+        return made, made.nodes.new("NodeGroupInput"), made.nodes.new("NodeGroupOutput")
+
+    inner, start, end = group("Cut", ("Mask", "Float"), ("Shader", "Shader"))
+    clear, mix = inner.nodes.new("ShaderNodeBsdfTransparent"), inner.nodes.new("ShaderNodeMixShader")
+    for source, target in (
+        (start.outputs["Mask"], mix.inputs[0]),
+        (clear.outputs[0], mix.inputs[1]),
+        (start.outputs["Shader"], mix.inputs[2]),
+        (mix.outputs[0], end.inputs[0]),
+    ):
+        inner.links.new(source, target)
+    outer, start, end = group("Leaf", ("Mask", "Float"), ("Colour", "Color"))
+    cut, diffuse = outer.nodes.new("ShaderNodeGroup"), outer.nodes.new("ShaderNodeBsdfDiffuse")
+    cut.node_tree = inner
+    for source, target in (
+        (start.outputs["Mask"], cut.inputs["Mask"]),
+        (start.outputs["Colour"], diffuse.inputs["Color"]),
+        (diffuse.outputs[0], cut.inputs["Shader"]),
+        (cut.outputs[0], end.inputs[0]),
+    ):
+        outer.links.new(source, target)
+    node = card.tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = outer
+    node.inputs["Colour"].default_value = (0.1, 0.6, 0.2, 1.0)
+    texture = card.tree.nodes.new("ShaderNodeTexImage")
+    texture.image = float_image("Leaf", 8, 1)
+    card.tree.links.new(texture.outputs["Alpha"], node.inputs["Mask"])
+    material = card.show(node.outputs[0])
+    opacity = on_both_sides(material)
+    np.testing.assert_array_equal(card.texels(opacity.image), pixels_of(texture.image)[..., 3])
+    assert material.base_color == pytest.approx((0.1, 0.6, 0.2))
+    assert not card.warnings

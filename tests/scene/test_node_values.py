@@ -272,3 +272,44 @@ def test_black_bodies_are_cycles_own(kelvin, tmp_path):
     np.testing.assert_allclose(
         value_at(emission.inputs["Color"]).constant, rendered(tmp_path)[0, 0, :3], rtol=1e-5, atol=1e-6
     )
+
+
+@pytest.mark.parametrize("is_packed", [False, True])
+def test_tiles_are_one_image(tmp_path, is_packed):
+    """Of a square of four one is missing: three files of different colours and sizes."""
+    tree, _nodes = with_card(0)
+    random = np.random.default_rng(5)
+    column, row = (2, 1) if is_packed else (0, 0)  # of files, Cycles finds none without the first
+    first = 1001 + column + 10 * row
+    for number, size in ((first, SIZE // 2), (first + 1, SIZE // 2), (first + 10, SIZE // 4)):
+        tile = bpy.data.images.new(f"{number}", size, size, alpha=True)
+        tile.pixels.foreach_set((random.integers(0, 256, size * size * 4) / 255.0).astype(np.float32))
+        tile.filepath_raw, tile.file_format = str(tmp_path / f"tile.{number}.png"), "PNG"
+        tile.save()
+    image = bpy.data.images.load(str(tmp_path / f"tile.{first}.png"))
+    image.source, image.filepath = "TILED", str(tmp_path / "tile.<UDIM>.png")
+    image.colorspace_settings.name = "Non-Color"
+    if is_packed:
+        image.pack()
+        for path in tmp_path.glob("*.png"):
+            path.unlink()
+    texture = node_of(tree, "TexImage")
+    texture.image = image
+    emission = node_of(tree, "Emission", Color=texture.outputs["Color"])
+    tree.links.new(emission.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    uv = bpy.data.meshes["Card"].uv_layers[0].uv
+    corners = np.array([(0, 0), (2, 0), (2, 2), (0, 2)]) + np.array([column, row])
+    uv.foreach_set("vector", corners.ravel().astype(np.float32))
+    value = value_at(emission.inputs["Color"])
+    placement, _ = placement_of([value])
+    assert placement.matrix == (0.5, 0.0, -column / 2, 0.0, 0.5, -row / 2)
+    texels, warnings = Picture(value, placement).texels(pixels_of)
+    assert texels.shape == (SIZE, SIZE, 4)
+    assert not warnings
+    off = np.abs(texels[..., :3] - rendered(tmp_path)[..., :3]).max(axis=-1)
+    half = SIZE // 2
+    assert off[:half].max() < 1e-5
+    assert off[half:, half:].max() < 1e-5
+    # The small one is not interpolated, as it is laid out beside larger ones.
+    small = texels[half:, :half, :3]
+    np.testing.assert_array_equal(small[::2, ::2], small[1::2, 1::2])

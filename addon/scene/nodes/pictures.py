@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..pixels import channel_of
+from ..pixels import LARGEST, channel_of
 from .textures import Texture
 from .values import COLOUR, Source, Uv, Value
 
@@ -17,7 +17,6 @@ Matrix = tuple[float, float, float, float, float, float]
 IDENTITY: Matrix = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 """Two rows of three: from coordinates of a UV map to those of pictures."""
 
-LARGEST = 4096  # texels a side of what is evaluated
 WITHOUT_IMAGES = 512  # where there is no image to go by
 CLOSEST = 4  # texels to one of an image that is not interpolated: bilinear, they blur an eighth of it
 _CHUNK = 1 << 18  # texels at a time
@@ -129,7 +128,7 @@ class Picture:
         """Width and height of its texels: as fine as the finest image in it."""
         widths, heights = [], []
         for lookup in self._lookups():
-            width, height = lookup.texture.image.size
+            width, height = lookup.texture.size
             relative = self._relative(lookup)
             (a, b), (c, d) = np.abs(np.eye(2) if relative is None else relative[:2, :2])
             fine = _fineness(lookup.texture)
@@ -193,7 +192,7 @@ class Picture:
 
 def _fineness(texture: Texture) -> int:
     """Texels of a picture to one of an image."""
-    is_coarse = texture.interpolation == "Closest" and CLOSEST * max(texture.image.size) <= LARGEST // 2
+    is_coarse = texture.interpolation == "Closest" and CLOSEST * max(texture.size) <= LARGEST // 2
     return CLOSEST if is_coarse else 1
 
 

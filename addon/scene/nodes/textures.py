@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from ..pixels import has_own_alpha
+from ..tiles import TileRange, range_of, unreadable_tile
 from .arithmetic import normalized, safe_divide
 from .graph import At
 from .registry import value_of
@@ -40,15 +41,24 @@ class Texture:
     is_straight: bool
 
     @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in texels, about; of all tiles."""
+        width, height = self.image.size
+        if self.image.source == "TILED":
+            extent = range_of(self.image)
+            width, height = width * extent.columns, height * extent.rows
+        return width, height
+
+    @property
     def key(self) -> str:
         return f"{self.name}#{self.extension}#{self.interpolation}#{self.is_straight}"
 
 
 @value_of(
     "ShaderNodeTexImage",
-    how="Color and Alpha of an image, by any UV map, with all extensions",
-    instead="Cubic and Smart are read as Linear; Box, Sphere and Tube projections, sequences, movies and "
-    "tiles are not read; a missing image counts as opaque",
+    how="Color and Alpha of an image or of tiles, by any UV map, with all extensions",
+    instead="Cubic and Smart are read as Linear; Box, Sphere and Tube projections, sequences and movies "
+    "are not read; a missing image counts as opaque",
 )
 def _image_texture(at: At, output) -> Value:
     node = at.node
@@ -71,10 +81,13 @@ def _image_texture(at: At, output) -> Value:
     if coordinates.is_constant or any(not isinstance(source, Uv) for source in coordinates.sources):
         why = ", ".join(coordinates.unread) or "its coordinates"
         return unread(kind, f"node '{node.name}' (by {why})")
+    if image.source == "TILED":
+        coordinates = _in_range(coordinates, range_of(image))
     if node.interpolation not in {"Linear", "Closest"}:
         at.graph.tell(f"node '{node.name}': its interpolation is read as linear")
     is_straight = not has_own_alpha(image) or node.outputs["Alpha"].is_linked
-    texture = Texture(image.original, image.name_full, node.extension, node.interpolation, is_straight)
+    extension = "EXTEND" if image.source == "TILED" else node.extension
+    texture = Texture(image.original, image.name_full, extension, node.interpolation, is_straight)
     texel = looked_up(texture, coordinates)
     if is_alpha:
         if image.alpha_mode == "NONE":
@@ -82,6 +95,13 @@ def _image_texture(at: At, output) -> Value:
         return apply("alpha", FLOAT, lambda t: t[..., 3], texel, low=0.0, high=1.0)
     bounds = {} if image.is_float else {"low": 0.0, "high": 1.0}
     return apply("colour", COLOUR, lambda t: t[..., :3], texel, **bounds)
+
+
+def _in_range(coordinates: Value, extent: TileRange) -> Value:
+    """From 0 to 1 over all tiles."""
+    first = np.array([extent.column, extent.row, 0.0])
+    counts = np.array([extent.columns, extent.rows, 1.0])
+    return apply(f"tiles {extent}", VECTOR, lambda uv: (uv - first) / counts, coordinates)
 
 
 def is_missing(image: bpy.types.Image | None) -> bool:
@@ -95,7 +115,10 @@ def is_missing(image: bpy.types.Image | None) -> bool:
 
 def unreadable(image: bpy.types.Image) -> str:
     """What of an image cannot be read, seen without loading it; empty where nothing speaks against it."""
-    if image.source in {"TILED", "SEQUENCE", "MOVIE", "VIEWER"}:
+    if image.source == "TILED":
+        reason = unreadable_tile(image)
+        return f"image '{image.name_full}' ({reason})" if reason else ""
+    if image.source in {"SEQUENCE", "MOVIE", "VIEWER"}:
         return f"image '{image.name_full}' (its source is {image.source.lower()})"
     if is_missing(image):
         name = os.path.basename(bpy.path.abspath(image.filepath, library=image.library))
