@@ -50,11 +50,12 @@ def lay_out(
     meshes, known = [], []
     for index in sorted(instances):
         mesh = arrays.meshes[outline.instances[index].mesh]
-        if mesh.corner_uvs is None:
+        uvs = mesh.corner_uvs if mesh.chart_uvs is None else mesh.chart_uvs
+        if uvs is None:
             continue
         corners = triangulate(mesh)[0].reshape(-1)
         flat = np.zeros((corners.size, 3), np.float32)
-        flat[:, :2] = mesh.corner_uvs[corners]
+        flat[:, :2] = uvs[corners]
         meshes.append(separate_triangles(flat))
         known.append(index)
     placed = [_Flat(number, number) for number in range(len(known))]

@@ -205,7 +205,10 @@ def _with_uvs(
     placements = [Placement(each.uv_map, each.uv_matrix) for each in materials]
     if isinstance(source, bpy.types.Mesh):
         uvs = placed_uvs(source, mesh, placements, owner, warnings)
+        if set(placements) != {Placement()}:
+            mesh = replace(mesh, chart_uvs=placed_uvs(source, mesh, [Placement()], owner, []))
     else:
+        mesh = replace(mesh, chart_uvs=mesh.corner_uvs)
         uvs = None if mesh.corner_uvs is None else moved_uvs(mesh.corner_uvs, placements[0])
     if uvs is None:
         warnings.append(f"object '{owner}': it has no UV map, its textures are read at one point")

@@ -241,6 +241,35 @@ def test_alpha_images_clip(scene, output, threshold):
 CYCLES_LUMINANCE = [0.2126391, 0.7151691, 0.0721927]
 
 
+def test_mappings_move_the_uvs_of_their_faces(scene):
+    """A Mapping node on the second of two slots: its pictures lie elsewhere, a chart does not."""
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=2, y_subdivisions=2)
+    mesh = bpy.context.object.data
+    plain = image_node(*material_on(bpy.context.object, "Plain"), np.ones((1, 1, 4)))
+    moved = image_node(*material_on(bpy.context.object, "Moved"), np.ones((1, 1, 4)))
+    assert plain.image != moved.image
+    tree = moved.id_data
+    mapping, uv = tree.nodes.new("ShaderNodeMapping"), tree.nodes.new("ShaderNodeUVMap")
+    mapping.inputs["Location"].default_value = (0.5, 0.0, 0.0)
+    mapping.inputs["Scale"].default_value = (3.0, 2.0, 1.0)
+    tree.links.new(uv.outputs[0], mapping.inputs[0])
+    tree.links.new(mapping.outputs[0], moved.inputs[0])
+    mesh.polygons.foreach_set("material_index", [0, 1, 1, 0])
+    uvs = np.array([d.vector[:] for d in mesh.uv_layers[0].uv], np.float32)
+    _, arrays = read(scene)
+    expected = uvs.copy()
+    expected[4:12] = uvs[4:12] * (3.0, 2.0) + (0.5, 0.0)
+    np.testing.assert_allclose(arrays.meshes[0].corner_uvs, expected, atol=1e-6)
+    np.testing.assert_array_equal(arrays.meshes[0].chart_uvs, uvs)
+    assert not arrays.warnings
+    # What is only right in the unit square is told where a mesh leaves it.
+    moved.extension = "CLIP"
+    _, arrays = read(scene)
+    assert arrays.warnings == (
+        "object 'Grid': its UVs leave 0 to 1, beyond that material 'Moved' is read as repeated",
+    )
+
+
 def factor(name, output):
     return variable(COLOUR if output == "Color" else FLOAT, Attribute(name, output))
 
