@@ -15,6 +15,7 @@ from strata.scripts.bench import (
     in_use,
     intervals,
     plates,
+    reading,
     toon_errors,
     units,
 )
@@ -173,6 +174,7 @@ SECTIONS = {
     "plates": closed_forms,
     "close": close,
     "in_use": used,
+    "reading": reading.section,
     "radiance": radiance,
     "toon": toon_shading,
     "volumetric": volumetric,

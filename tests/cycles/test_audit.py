@@ -8,12 +8,15 @@ from pathlib import Path
 
 import bpy
 import pytest
+import strata
 from strata.addon.audit import audit as module
 from strata.addon.audit.audit import audited, kept_scene
 from strata.addon.bake import BakeJob, read_job
 from strata.addon.core.errors import Cancelled
 from strata.addon.measure.report import format_table
 from strata.addon.planning import Options
+from strata.addon.scene.open import open_blend
+from strata.addon.ui.state import STATE
 from strata.ops.cli import main
 from strata.tests.support.places import SAMPLES
 
@@ -184,3 +187,24 @@ def test_the_command_line_reports_it(tmp_path):
     (layer,) = json.loads(report.read_text())["layers"]
     low, high = layer["audit"]["ci95"]
     assert 0.0 <= low <= layer["audit"]["value"] <= high < 0.2
+
+
+def test_the_panel_s_bake_reports_it_of_what_is_not_saved(tmp_path):
+    """The lamp is moved after saving: Cycles sees the scene as it is now, and the file stays as it was."""
+    strata.register()
+    try:
+        open_blend(SAMPLES / "stacked.blend")
+        path = tmp_path / "scene.blend"
+        bpy.ops.wm.save_as_mainfile(filepath=str(path))
+        before, scene = path.read_bytes(), bpy.context.scene
+        scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 96, 54, 100
+        settings = scene.strata
+        settings.backend, settings.samples, settings.probes, settings.audit = "cpu", 8, 0, True
+        scene.objects["Panel"].location.x += 1.0
+        bpy.ops.ed.undo_push()
+        assert bpy.ops.strata.bake() == {"FINISHED"}
+        (layer,) = STATE.reports[scene.session_uid]["layers"]
+        assert layer["audit"]["value"] < 2 * RIGHT
+        assert path.read_bytes() == before
+    finally:
+        strata.unregister()
