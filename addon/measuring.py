@@ -174,11 +174,12 @@ class Measuring:
 
     def _rays_in(self, accelerator: Any) -> CpuRays:
         executor, device, graph = self._executor, self._executor.fallback, self._graph
+        seen = graph.surface.params
         return CpuRays(
             accelerator,
             np.array(graph.shot.origin),
             device.cancel_flag,
-            device.camera_rays(graph.shot, graph.surface.params["visible"], self._attributes()),
+            device.camera_rays(graph.shot, seen["visible"], self._attributes(), seen["seed"]),
             value=lambda node: executor.value(node, device),
             texture=device.texture,
         )

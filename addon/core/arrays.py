@@ -71,7 +71,7 @@ class Opacities:
         return cls((opacity, opacity), (opacity, opacity))
 
 
-CLEAR = Opacities.of(OpacityArrays(0.0, threshold=0.5))
+CLEAR = Opacities.of(OpacityArrays(0.0))
 """As though nothing were there."""
 
 

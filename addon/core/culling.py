@@ -34,6 +34,22 @@ def corners_of(boxes: np.ndarray) -> np.ndarray:
     return boxes[:, choice, np.arange(3)]
 
 
+def partly_opaque(outline: Outline, instances: frozenset[int], use: str = "casts") -> frozenset[int]:
+    """Those of `instances` of which something may be neither opaque nor clear: `use`, to what "casts"
+    shadows or to what is "seen"."""
+    materials = frozenset(
+        index
+        for index, material in enumerate(outline.materials)
+        if any(opacity.is_partial for opacity in getattr(material, use))
+    )
+    if not materials or materials.isdisjoint(outline.instances.materials_of(instances)):
+        return frozenset()
+    return outline.instances.memo(
+        ("partly opaque", instances, materials),
+        lambda: frozenset(i for i in instances if not materials.isdisjoint(outline.instances[i].materials)),
+    )
+
+
 Guard = float | tuple[float, float]
 """By which share of its size a window grows on each side, or of its width and its height."""
 

@@ -209,20 +209,22 @@ class RayCaster(Protocol):
     accel: Any
     cancel_flag: Any
 
-    def occluded(
+    def transmittance(
         self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray
     ) -> np.ndarray:
-        """(N,) bool: whether anything of `casters` (instances,) bool lies within t_max along each ray."""
+        """(N,) float32: how much of the light along each ray gets through what `casters` (instances,) bool
+        have within t_max: the product of 1 - opacity, as shadow rays meet it."""
 
     def nearest(
         self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The nearest hit: its parameter (N,) float32, infinite for none, and the instance and the triangle
-        of its mesh (N,) int32, -1 for none. Arguments as for `occluded`."""
+        of its mesh (N,) int32, -1 for none. Arguments as for `transmittance`."""
 
-    def look(self, pixels: np.ndarray, jitter: np.ndarray) -> ViewRays:
+    def look(self, pixels: np.ndarray, jitter: np.ndarray, samples: np.ndarray | None = None) -> ViewRays:
         """What the camera sees through `pixels` (N, 2), `jitter` (N, 2) pixels beside their centres: view
-        rays with the graph's surface attributes, found by rays."""
+        rays with the graph's surface attributes, found by rays. What is partly opaque is there by chance: for
+        the `samples` (N,) of a film as it is for those, None: for each ray by itself."""
 
     def value(self, node: Any) -> Any:
         """What a node of the graph (core/graph.py) holds, on the CPU; made again where it was freed."""

@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import strata_kernels
 
-from ..core.arrays import CLEAR, Arrays, MeshArrays, Placed, bytes_of
+from ..core.arrays import CLEAR, Arrays, MeshArrays, OpacityArrays, Placed, bytes_of
 from ..core.graph import Node
 from ..core.outline import Outline
 from ..core.shot import Shot
@@ -62,6 +62,7 @@ class CpuDevice:
         self._outline: Outline | None = None
         self._arrays: Arrays | None = None
         self._meshes: WeakKeyDictionary[MeshArrays, strata_kernels.Mesh] = WeakKeyDictionary()
+        self._opacities: WeakKeyDictionary[OpacityArrays, strata_kernels.Opacity] = WeakKeyDictionary()
 
     def set_scene(self, outline: Outline, arrays: Arrays) -> None:
         """The scene that `geometry` is made of from now on."""
@@ -83,9 +84,9 @@ class CpuDevice:
         geometry = strata_kernels.Geometry()
         for mesh in arrays.meshes:
             geometry.add_shared_mesh(self._triangles(mesh))
-        for opacities in arrays.opacities:
-            opacity = opacities.seen[0]
-            geometry.add_material(opacity.threshold, opacity.value, opacity.texels)
+        for material in arrays.opacities:
+            sides = material.seen, material.casts
+            geometry.add_material(*(tuple(map(self._opacity, both)) for both in sides))
         for instance, matrix in zip(instances, arrays.matrices, strict=True):
             geometry.add_instance(instance.mesh, matrix, instance.object_id, list(instance.materials))
         return geometry
@@ -99,8 +100,16 @@ class CpuDevice:
                 mesh.corner_normals,
                 mesh.corner_uvs,
                 mesh.face_slots,
+                mesh.corner_opacity,
             )
         return self._meshes[mesh]
+
+    def _opacity(self, opacity: OpacityArrays) -> strata_kernels.Opacity:
+        if opacity not in self._opacities:
+            self._opacities[opacity] = strata_kernels.Opacity(
+                opacity.value, opacity.texels, opacity.by_corner, opacity.threshold
+            )
+        return self._opacities[opacity]
 
     def distance_m(self, instance: int, place: Vector, most_m: float) -> float:
         """From a place in the world to the triangles of the instance; `most_m` if none is nearer."""
@@ -153,12 +162,15 @@ class CpuDevice:
                 raise failure
             return result
 
-    def camera_rays(self, shot: Shot, visible: frozenset[int], attributes: frozenset[str]) -> CameraRays:
-        """Fills the surface `attributes` of the instances `visible` along any view ray of the shot."""
+    def camera_rays(
+        self, shot: Shot, visible: frozenset[int], attributes: frozenset[str], seed: int
+    ) -> CameraRays:
+        """Fills the surface `attributes` of the instances `visible` along any view ray of the shot; `seed` of
+        its surface's draws."""
         mask = self.instance_mask(visible)
         if not attributes & {"depth", "position"}:
             attributes |= {"depth"}  # how far a ray sees
-        return CameraRays(shot, mask, attributes)
+        return CameraRays(shot, mask, attributes, seed)
 
     def texture(self, image: int) -> np.ndarray | None:
         """Texels of `outline.images[image]`, None where they could not be read."""
@@ -213,10 +225,10 @@ class CpuRays:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return self.accel.nearest(casters, origins, directions, t_max, cancel=self.cancel_flag)
 
-    def look(self, pixels: np.ndarray, jitter: np.ndarray) -> ViewRays:
-        return self.camera.look(self.kernels, self.accel, self.cancel_flag, pixels, jitter)
+    def look(self, pixels: np.ndarray, jitter: np.ndarray, samples: np.ndarray | None = None) -> ViewRays:
+        return self.camera.look(self.kernels, self.accel, self.cancel_flag, pixels, jitter, samples)
 
-    def occluded(
+    def transmittance(
         self, casters: np.ndarray, origins: np.ndarray, directions: np.ndarray, t_max: np.ndarray
     ) -> np.ndarray:
-        return self.accel.occluded(casters, origins, directions, t_max, cancel=self.cancel_flag)
+        return self.accel.transmittance(casters, origins, directions, t_max, cancel=self.cancel_flag)

@@ -211,11 +211,13 @@ class GpuGeometry:
 
 def _alpha_kind(opacity: OpacityArrays) -> str:
     """As kernels/src/geometry/mesh.rs `Cutout`."""
-    if opacity.threshold <= 0.0:
-        return "opaque"
     if opacity.texels is not None and opacity.texels.size:
+        if opacity.threshold <= 0.0:
+            raise ValueError("what is partly opaque is drawn on the CPU")
         return "tested"
-    return "opaque" if opacity.value >= opacity.threshold else "absent"
+    if opacity.threshold <= 0.0 and 0.0 < opacity.value < 1.0:
+        raise ValueError("what is partly opaque is drawn on the CPU")
+    return "opaque" if opacity.value >= (opacity.threshold if opacity.threshold > 0.0 else 1.0) else "absent"
 
 
 def _box_corners(meshes: list[MeshPlace]) -> np.ndarray:

@@ -205,7 +205,7 @@ def _method(probed: Probed, pixels: int, along: Along, mean: float, seed: int):
     samples, squares = len(kept.values), []
     for number, index in enumerate(chosen):
         places = np.repeat(probed.places(kept.pixels[[index]]), samples, axis=0)
-        rays = probed.rays.look(places, kept.jitter)
+        rays = probed.rays.look(places, kept.jitter, np.arange(samples))
         own = int(hash_bits(seed, 7, number))
         first, last = (along(rays, int(hash_bits(own, half)))[0].mean(axis=0) for half in range(2))
         value = finite(kept.values[:, index]).mean(axis=0)

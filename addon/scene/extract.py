@@ -182,14 +182,22 @@ def _opacities(outline: Outline, textures: dict[int, np.ndarray]) -> tuple[Opaci
         if opacity not in made:
             # Without its image it is as its constant says.
             texels = None if opacity.image is None else textures.get(opacity.image)
-            by_corner = bool(opacity.corners)
-            made[opacity] = OpacityArrays(opacity.value, texels, by_corner, opacity.threshold)
+            by_corner, threshold = bool(opacity.corners), opacity.threshold
+            if texels is not None and not by_corner and threshold <= 0.0 and _is_cutout(texels):
+                threshold = 0.5
+            made[opacity] = OpacityArrays(opacity.value, texels, by_corner, threshold)
         return made[opacity]
 
     return tuple(
         Opacities(tuple(map(arrays_of, material.seen)), tuple(map(arrays_of, material.casts)))
         for material in outline.materials
     )
+
+
+def _is_cutout(texels: np.ndarray) -> bool:
+    """Whether all are 0 or 1: then what is between is only how they are sampled, and half of it is an edge
+    where that of the picture is. Leaves are so, and maps know all there is to know of them."""
+    return bool(((texels == 0.0) | (texels == 1.0)).all())
 
 
 def _slots(outline: Outline) -> dict[int, tuple[int, ...]]:

@@ -7,8 +7,6 @@ that names material and node.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import bpy
 import numpy as np
 
@@ -21,9 +19,6 @@ from .nodes.surface import Surface, surface_at
 from .nodes.values import COLOUR, Attribute, Value, constant
 from .transforms import as_colour
 from .volumes import volume_of
-
-CLIP = 0.5
-"""Until devices know shares: what of a partial opacity is kept."""
 
 
 class Images:
@@ -187,8 +182,7 @@ class _Maker:
     def _opacity(self, parts: Parts) -> Opacity:
         image = None if parts.picture is None else self.images.index(parts.picture, self.placement)
         corners = "" if parts.corners is None else self.images.corner(parts.corners)
-        opacity = Opacity(parts.uniform, image, corners, parts.threshold)
-        return replace(opacity, threshold=CLIP) if opacity.is_partial or opacity.value <= 0.0 else opacity
+        return Opacity(parts.uniform, image, corners, parts.threshold)
 
     def _constant(self, value: Value, use: str, instead):
         """The number, or the list of them, of what is read where it is constant."""

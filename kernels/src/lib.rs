@@ -10,6 +10,7 @@ mod cancel;
 mod effects;
 mod emitter;
 mod geometry;
+mod random;
 mod raster;
 mod rays;
 mod simd;

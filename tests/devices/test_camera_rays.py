@@ -47,7 +47,7 @@ def rays_of(outline, arrays, shot) -> tuple[CpuDevice, CpuRays, frozenset[int]]:
     device.set_scene(outline, arrays)
     visible = frozenset(range(len(outline.instances)))
     accelerator = Executor(device, device).value(ray_accelerator(outline, shot), device)
-    camera = device.camera_rays(shot, visible, NAMES)
+    camera = device.camera_rays(shot, visible, NAMES, 0)
     return device, CpuRays(accelerator, np.array(shot.origin), camera=camera), visible
 
 
@@ -78,7 +78,7 @@ def test_what_rays_see_is_what_lies_there(orthographic):
     outline, arrays = dressed(3)
     shot = turned_shot(orthographic)
     device, rays, visible = rays_of(outline, arrays, shot)
-    rays.camera = device.camera_rays(shot, visible - {0}, NAMES)  # without the ground
+    rays.camera = device.camera_rays(shot, visible - {0}, NAMES, 0)  # without the ground
     pixels = all_pixels(*shot.computed_size)
     jitter = np.random.default_rng(1).uniform(-0.5, 0.5, pixels.shape)
     view = shot.view

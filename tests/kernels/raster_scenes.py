@@ -34,6 +34,12 @@ def add_triangles(geometry, triangles, matrix=None, material=None, **arrays) -> 
     return geometry.add_instance(mesh, np.eye(4) if matrix is None else matrix, 5, [material])
 
 
+def opacity(geometry, **opacity) -> int:
+    """Adds a material that is so opaque on both sides, to cameras and to shadow rays."""
+    sides = (kernels.Opacity(**opacity),) * 2
+    return geometry.add_material(sides, sides)
+
+
 def everything(geometry: kernels.Geometry) -> np.ndarray:
     return np.ones(geometry.instance_count(), bool)
 

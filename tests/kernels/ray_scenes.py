@@ -28,7 +28,8 @@ def add_triangles(geometry, triangles, matrix=None, **material):
         np.arange(0, 3 * count + 1, 3, dtype=np.int32),
         corner_uvs=material.pop("uvs", None),
     )
-    slot = geometry.add_material(**material)
+    sides = (kernels.Opacity(**material),) * 2
+    slot = geometry.add_material(sides, sides)
     return geometry.add_instance(mesh, np.eye(4) if matrix is None else matrix, 0, [slot])
 
 

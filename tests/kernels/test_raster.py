@@ -14,6 +14,7 @@ from strata.tests.kernels.raster_scenes import (
     brute_force,
     down,
     everything,
+    opacity,
     random_triangles,
     sheet,
     turned_view,
@@ -175,7 +176,7 @@ def test_alpha_clip_lets_light_through():
     rng = np.random.default_rng(6)
     texels = (rng.random((4, 4)) < 0.5).astype(np.float32)
     geometry = kernels.Geometry()
-    leaf, absent = geometry.add_material(0.5, 1.0, texels), geometry.add_material(0.5, 0.2)
+    leaf, absent = opacity(geometry, texels=texels, threshold=0.5), opacity(geometry, value=0.0)
     uvs = np.array([[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]], np.float32)
     square = np.concatenate([uvs * 2 - 1, np.zeros((6, 1), np.float32)], -1)
     add_triangles(geometry, square - [0, 0, 1], material=leaf, corner_uvs=uvs)
@@ -195,7 +196,8 @@ import numpy as np
 import strata_kernels as kernels
 rng = np.random.default_rng(9)
 g = kernels.Geometry()
-for material in (g.add_material(), g.add_material(0.5, 1.0, rng.random((8, 8)).astype("f"))):
+clip = kernels.Opacity(texels=rng.random((8, 8)).astype("f"), threshold=0.5)
+for material in (g.add_material(), g.add_material((clip, clip), (clip, clip))):
     p = (rng.normal(size=(9000, 1, 3)) * 3 + rng.normal(size=(9000, 3, 3)) * 0.3).reshape(-1, 3).astype("f")
     n = np.arange(len(p) + 1, dtype="i")
     m = g.add_mesh(p, n[:-1], n[::3].copy(), None, rng.random((len(p), 2)).astype("f"))

@@ -11,6 +11,7 @@ from strata.tests.kernels.raster_scenes import (
     brute_force,
     down,
     everything,
+    opacity,
     pixel_rays,
     random_triangles,
     turned_view,
@@ -138,7 +139,7 @@ def test_equal_depths_go_to_the_first_instance_and_triangle():
 
 def test_materials_come_from_slots_and_clip_by_alpha():
     geometry = kernels.Geometry()
-    first, second = geometry.add_material(), geometry.add_material(0.5, 1.0, np.zeros((1, 1), np.float32))
+    first, second = geometry.add_material(), opacity(geometry, texels=np.zeros((1, 1), np.float32))
     square = np.array([[-1, -1], [1, -1], [1, 1], [-1, -1], [1, 1], [-1, 1]], np.float32)
     positions = np.concatenate([square, np.full((6, 1), -1, np.float32)], -1)
     corners, starts = np.arange(6, dtype=np.int32), np.array([0, 3, 6], np.int32)

@@ -150,6 +150,6 @@ def test_cancelling():
     flag.set()
     rays = np.zeros((9, 3), np.float32), np.ones((9, 3), np.float32), np.ones(9, np.float32)
     with pytest.raises(kernels.Cancelled):
-        accel.occluded(None, *rays, cancel=flag)
+        accel.transmittance(None, *rays, cancel=flag)
     with pytest.raises(kernels.Cancelled):
         kernels.ray_visibility(accel, None, LIGHTS[0].packed(), eye, *[rays[1]] * 3, 4, 1, cancel=flag)

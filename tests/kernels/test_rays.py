@@ -70,7 +70,7 @@ def test_hits_of_a_triangle_soup_are_embrees(shared_origin):
     accel, scene = accel_of(soup), embree_of(soup)
     free = np.full(count, np.inf, np.float32)
 
-    occluded = accel.occluded(None, origins, d, t_max)
+    occluded = accel.transmittance(None, origins, d, t_max) == 0.0
     t, instance, triangle = accel.nearest(None, origins, d, free)
     expected = scene.run(origins, d, query="INTERSECT")
     distance = scene.run(origins, d, query="DISTANCE")
@@ -103,7 +103,7 @@ def test_a_closed_surface_leaks_nothing():
     for target in (vertex, edge, inside + directions(generator, len(inside))):
         origins = inside.astype(np.float32)
         d = (target - origins).astype(np.float32)
-        assert accel.occluded(None, origins, d, np.full(len(d), np.inf, np.float32)).all()
+        assert not accel.transmittance(None, origins, d, np.full(len(d), np.inf, np.float32)).any()
 
 
 def test_instances_give_the_hits_of_their_copies():
@@ -145,7 +145,7 @@ def test_instances_give_the_hits_of_their_copies():
     assert 0.02 < hit.mean() < 0.9
     np.testing.assert_allclose(t[hit], t_flat[hit], rtol=1e-3)
     np.testing.assert_array_equal(
-        accel.occluded(subset, o, d, t_max)[same], flat.occluded(None, o, d, t_max)[same]
+        accel.transmittance(subset, o, d, t_max)[same], flat.transmittance(None, o, d, t_max)[same]
     )
 
 
@@ -156,14 +156,14 @@ def test_only_casters_cast():
     add_triangles(geometry, plate + UP)
     accel = kernels.Accel(geometry, np.zeros(3))
     ray = np.zeros((1, 3), np.float32), np.array([[0, 0.1, 1]], np.float32), np.array([1.5], np.float32)
-    assert accel.occluded(None, *ray)[0]
-    assert accel.occluded(np.array([1, 0], np.uint8), *ray)[0]
-    assert not accel.occluded(np.array([0, 1], np.uint8), *ray)[0]  # t_max ends before the second
+    assert accel.transmittance(None, *ray)[0] == 0.0
+    assert accel.transmittance(np.array([1, 0], np.uint8), *ray)[0] == 0.0
+    assert accel.transmittance(np.array([0, 1], np.uint8), *ray)[0] == 1.0  # t_max ends before the second
     assert accel.nearest(np.array([0, 1], np.uint8), *ray[:2], np.array([3], np.float32))[1][0] == 1
     only_second = kernels.Accel(geometry, np.zeros(3), np.array([0, 1], np.uint8))
     assert only_second.triangle_count() == 2
     with pytest.raises(ValueError, match="2 instances"):
-        accel.occluded(np.array([1], np.uint8), *ray)
+        accel.transmittance(np.array([1], np.uint8), *ray)
 
 
 def test_alpha_clip_lets_light_through():
@@ -176,8 +176,8 @@ def test_alpha_clip_lets_light_through():
     accel = kernels.Accel(geometry, np.zeros(3))
     x = np.linspace(-0.7, 0.7, 32, dtype=np.float32)
     d = np.stack([x, 0.3 * np.ones_like(x), np.ones_like(x)], 1)
-    shadow = accel.occluded(None, np.zeros_like(d), d, np.full(32, 9, np.float32))
-    np.testing.assert_array_equal(shadow, x < 0)
+    through = accel.transmittance(None, np.zeros_like(d), d, np.full(32, 9, np.float32))
+    np.testing.assert_array_equal(through, x >= 0)
 
 
 def test_bad_geometry_is_left_out():
@@ -194,8 +194,8 @@ def test_bad_geometry_is_left_out():
     o = np.array([[0, 0, 0], [np.nan, 0, 0], [0, 0, 0], [0, 0, 0]], np.float32)
     d = np.array([[0, 0.1, 1], [0, 0, 1], [np.inf, 0, 1], [0, 0, 0]], np.float32)
     t_max = np.array([np.inf, 9, 9, 9], np.float32)
-    np.testing.assert_array_equal(accel.occluded(None, o, d, t_max), [True, False, False, False])
-    assert not empty.occluded(None, o, d, t_max).any()
+    np.testing.assert_array_equal(accel.transmittance(None, o, d, t_max), [0.0, 1.0, 1.0, 1.0])
+    assert (empty.transmittance(None, o, d, t_max) == 1.0).all()
     with pytest.raises(ValueError, match="finite"):
         kernels.Accel(geometry, np.array([0, np.inf, 0]))
 

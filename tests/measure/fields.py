@@ -24,7 +24,7 @@ OUTLINE = SimpleNamespace(working_space="Linear Rec.709", exposure=1.0, frame=1)
 class Rays:
     """What a RayCaster tells of a made-up layer: which pixel, and where in it."""
 
-    def look(self, pixels: np.ndarray, jitter: np.ndarray) -> ViewRays:
+    def look(self, pixels: np.ndarray, jitter: np.ndarray, samples=None) -> ViewRays:
         nothing = np.zeros((len(pixels), 3))
         return ViewRays(
             pixels, np.broadcast_to(jitter, (len(pixels), 2)), nothing, nothing, nothing, {}, None

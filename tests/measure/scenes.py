@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from strata.addon.core.arrays import Arrays, MeshArrays, Opacities
+from strata.addon.core.arrays import Arrays, MeshArrays, Opacities, OpacityArrays
 from strata.addon.core.emitter import Emitter, EmitterKind
-from strata.addon.core.outline import Bounds, Instance, Light, Material, Mesh, Outline
+from strata.addon.core.outline import Bounds, Instance, Light, Material, Mesh, Opacity, Outline
 from strata.addon.core.shot import Camera, Raster, Shot
 
 SIZE = (48, 48)
@@ -83,8 +83,8 @@ def shot_of(seed: int, size: tuple[int, int] = SIZE) -> Shot:
     return Shot("Camera", Raster(CAMERA, size), seed=seed)
 
 
-def random_scene(seed: int) -> tuple[Outline, Arrays]:
-    """Black things on a white floor, so that it matters what samples weigh."""
+def random_scene(seed: int, opacity: float = 1.0) -> tuple[Outline, Arrays]:
+    """Black things, so opaque, on a white floor, so that it matters what samples weigh."""
     rng = np.random.default_rng(seed)
     makers = [floor, *rng.choice([box, ball, spikes, sieve], rng.integers(2, 6))]
     meshes, matrices, instances = [], [], []
@@ -104,6 +104,8 @@ def random_scene(seed: int) -> tuple[Outline, Arrays]:
         Mesh(instance.name, str(i), len(mesh.positions), 2 * (len(mesh.face_starts) - 1))
         for i, (instance, mesh) in enumerate(zip(instances, meshes, strict=True))
     )
-    materials = Material("White"), Material("Black", (0.02, 0.02, 0.02))
+    sides = (Opacity(opacity),) * 2
+    materials = Material("White"), Material("Black", (0.02, 0.02, 0.02), seen=sides, casts=sides)
     outline = Outline("Scene", "Layer", 1, (light,), tuple(instances), headers, materials)
-    return outline, Arrays(tuple(meshes), np.array(matrices), (Opacities(),) * 2)
+    opacities = Opacities(), Opacities.of(OpacityArrays(opacity))
+    return outline, Arrays(tuple(meshes), np.array(matrices), opacities)

@@ -81,7 +81,7 @@ def test_what_rays_agree_on_is_not_looked_at_again():
 class Rays:
     """Tells of each view ray its pixel and where in it."""
 
-    def look(self, pixels, jitter):
+    def look(self, pixels, jitter, samples=None):
         nothing = np.zeros((len(pixels), 3))
         return ViewRays(
             pixels, np.broadcast_to(jitter, (len(pixels), 2)), nothing, nothing, nothing, {}, None

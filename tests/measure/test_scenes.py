@@ -33,12 +33,16 @@ SETTINGS = [
     {"max_samples": 16},
     {"weight": "none"},
     {"samples": 4, "method": "hybrid"},
+    {"opacity": 0.4},
+    {"opacity": 0.7, "rays": 0},
 ]
 
 
-def bake(seed: int, outline: Outline | None = None, samples=8, weight="radiance", **values) -> list[Probed]:
+def bake(
+    seed: int, outline: Outline | None = None, samples=8, weight="radiance", opacity=1.0, **values
+) -> list[Probed]:
     """Of each layer of a random scene, what its score gets."""
-    own, arrays = random_scene(seed)
+    own, arrays = random_scene(seed, opacity)
     outline, kept = outline or own, []
 
     class Keeping(Measurement):

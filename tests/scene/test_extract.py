@@ -10,7 +10,7 @@ import mathutils
 import numpy as np
 import pytest
 import strata_kernels
-from strata.addon.core.arrays import MeshArrays
+from strata.addon.core.arrays import MeshArrays, OpacityArrays
 from strata.addon.core.outline import Opacity
 from strata.addon.scene.corner_values import corner_opacity
 from strata.addon.scene.extract import BASE_COLOR, CORNER_NORMALS, OPACITY, UV, WANTS, extract
@@ -29,6 +29,10 @@ def scene():
     scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(scene.camera)
     return scene
+
+
+def kernel_opacity(opacity: OpacityArrays) -> strata_kernels.Opacity:
+    return strata_kernels.Opacity(opacity.value, opacity.texels, opacity.by_corner, opacity.threshold)
 
 
 def read(scene, wants=WANTS, view_layer=None, options=None):
@@ -91,8 +95,8 @@ def test_arrays_are_blenders_elements(scene):
     geometry = strata_kernels.Geometry()
     geometry.add_mesh(*list(vars(got).values())[:6])
     for opacities in arrays.opacities:
-        opacity = opacities.seen[0]
-        geometry.add_material(opacity.threshold, opacity.value, opacity.texels)
+        sides = (kernel_opacity(opacities.casts[0]), kernel_opacity(opacities.casts[1]))
+        geometry.add_material(sides, sides)
     geometry.add_instance(0, arrays.matrices[0], 0, list(outline.instances[0].materials))
     assert geometry.triangle_count() == outline.triangles
 
@@ -155,9 +159,9 @@ def test_principled_values(scene):
     node.inputs["Metallic"].default_value = 0.0
     tree.nodes.remove(texture)
     (outline, arrays) = read(scene)
-    assert outline.materials[0].opacities == {Opacity(0.25, threshold=0.5)}
+    assert outline.materials[0].opacities == {Opacity(0.25)}
     opacity = arrays.opacities[0].casts[1]
-    assert (opacity.value, opacity.threshold) == (0.25, 0.5)
+    assert (opacity.value, opacity.threshold) == (0.25, 0.0)
     assert outline.warnings == ("material 'Red': of node 'Principled BSDF' Transmission is not read",)
 
 
@@ -231,7 +235,7 @@ def test_alpha_images_clip(scene, output, threshold):
     assert not outline.warnings + arrays.warnings
     (opacities,) = arrays.opacities
     opacity = opacities.seen[0]
-    assert opacity.threshold == pytest.approx(threshold or 0.5, rel=1e-6)  # more than, in float32
+    assert opacity.threshold == pytest.approx(threshold or 0.0, rel=1e-6)  # more than, in float32
     expected = pixels[..., 3] if output == "Alpha" else pixels[..., :3] @ CYCLES_LUMINANCE
     np.testing.assert_allclose(opacity.texels, expected, atol=1e-6)
     assert arrays.meshes[0].corner_uvs is not None
@@ -376,8 +380,8 @@ def test_every_scene_reads(path):
             lengths = np.linalg.norm(mesh.corner_normals, axis=1)
             assert np.abs(lengths - 1.0).max() < 1e-3
     for opacities in arrays.opacities:
-        opacity = opacities.seen[0]
-        geometry.add_material(opacity.threshold, opacity.value, opacity.texels)
+        sides = (kernel_opacity(opacities.casts[0]), kernel_opacity(opacities.casts[1]))
+        geometry.add_material(sides, sides)
     for instance, matrix in zip(outline.instances, arrays.matrices, strict=True):
         geometry.add_instance(instance.mesh, matrix, instance.object_id, list(instance.materials))
     assert geometry.triangle_count() == outline.triangles

@@ -10,14 +10,14 @@ import pytest
 from strata.addon.core.arrays import MeshArrays
 from strata.addon.core.outline import Opacity
 from strata.addon.scene.corner_values import corner_opacity
-from strata.addon.scene.materials import CLIP, Images, material_of
+from strata.addon.scene.materials import Images, material_of
 from strata.addon.scene.nodes.pictures import sample
 from strata.addon.scene.pixels import pixels_of
 from strata.tests.support.cycles_card import card_scene, rendered
 from strata.tests.support.random_nodes import RandomNodes, float_image
 
 SIZE = 16
-ABSENT, WHOLE = Opacity(0.0, threshold=CLIP), Opacity()
+ABSENT, WHOLE = Opacity(0.0), Opacity()
 
 
 class Card:
@@ -168,7 +168,7 @@ def test_steps_stay_steps(card, operation, other, is_second, step):
         assert opacity.threshold == pytest.approx(1.0 - other, rel=1e-6)
     elif step == 0.0:
         np.testing.assert_allclose(texels, 0.5 * alpha, atol=1e-6)
-        assert opacity.threshold == CLIP
+        assert opacity.threshold == 0.0
     else:
         np.testing.assert_array_equal(texels, alpha)
         assert opacity.threshold == pytest.approx(step, rel=1e-6)
@@ -349,7 +349,7 @@ def test_random_opacities_are_cycles_alpha(first, tmp_path):
         material = card.show(shader)
         assert not material.unread_opacity, card.warnings
         opacity = on_both_sides(material)
-        if opacity.threshold not in (0.0, CLIP):
+        if opacity.threshold > 0.0:
             continue  # a step: see above
         if opacity.image is not None and len(card.texels(opacity.image)) != SIZE:
             continue  # by texture coordinates alone

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from itertools import product
 
 import numpy as np
 
-from ...core.culling import around, boxes_of
+from ...core.culling import around, boxes_of, partly_opaque
 from ...core.outline import Outline
 from ...core.shot import Shot
 from ...core.slices import finished
@@ -18,6 +19,10 @@ COARSER = 4
 
 TILE = 8
 """The coarse picture's pixels, across and up, that share a box."""
+
+DRAWS = 4
+"""Pictures of a scene of which something is partly opaque to the camera: what is there by chance in one is
+not in another."""
 
 MARGIN, REACH = 0.25, 2.0
 """A box grows on each side by this share of itself and by so many of its pixels."""
@@ -44,8 +49,9 @@ def take_coarse_picture(
     attributes = frozenset({"position", "depth", "instance"})
     rows = max(STRIP_PIXELS // width // TILE, 1) * TILE
     boxes, is_hit = [], np.zeros(len(outline.instances) + 1, bool)
-    for y0 in range(0, height, rows):
-        chunk = Chunk(width, height, y0, min(y0 + rows, height), 0, (0.0, 0.0))
+    draws = DRAWS if partly_opaque(outline, visible, "seen") else 1
+    for y0, draw in product(range(0, height, rows), range(draws)):
+        chunk = Chunk(width, height, y0, min(y0 + rows, height), draw, (0.0, 0.0), draws)
         surface = SURFACE.cpu(
             device, geometry, view=shot.view, visible=visible, chunk=chunk, attributes=attributes
         )

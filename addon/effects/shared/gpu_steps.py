@@ -100,7 +100,7 @@ def geometry(device, scene):
     return device.geometry()
 
 
-def surface(device, geometry, view: View, visible: frozenset[int], chunk: Chunk, attributes):
+def surface(device, geometry, view: View, visible: frozenset[int], chunk: Chunk, attributes, seed=0):
     """A dict of images, as `raster_surface` gives arrays."""
     size, shape = (chunk.width, chunk.height), chunk.shape
     _check_view(view, size)
@@ -158,7 +158,15 @@ def _attributes(device, geometry, drawn, view: View, chunk: Chunk, names: list[s
 
 
 def layered_depth(
-    device, geometry, view: View, casters: frozenset[int], layers: int, width: int, height: int
+    device,
+    geometry,
+    view: View,
+    casters: frozenset[int],
+    layers: int,
+    width: int,
+    height: int,
+    kept="whole",
+    draw=(0, 0),
 ):
     """An image (layers, height, width) float32, as the kernel of the same name."""
     if not 1 <= layers <= MAX_LAYERS:

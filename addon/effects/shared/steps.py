@@ -7,17 +7,23 @@ import numpy as np
 from ...core.culling import drawn_from, receivers_in_view
 from ...core.graph import Node, Rate, Step
 from ...core.outline import Outline
+from ...core.random import hash_bits, text_bits
 from ...core.recorder import Recorder
 from ...core.shot import Shot
+from ...core.surface import Chunk
 from ...core.view import View
 from . import gpu_steps
+
+WHOLE, PARTIAL, DRAWN = "whole", "partial", "drawn"
+"""What a map keeps of casters that are not wholly opaque: what is all the same, what stops a share, or each
+fragment by chance."""
 
 
 def _geometry(device, scene):
     return device.geometry()
 
 
-def _surface(device, geometry, view, visible, chunk, attributes):
+def _surface(device, geometry, view, visible, chunk, attributes, seed=0):
     return device.kernels.raster_surface(
         geometry,
         device.instance_mask(visible),
@@ -28,6 +34,7 @@ def _surface(device, geometry, view, visible, chunk, attributes):
         columns=(chunk.x0, chunk.x1),
         jitter=chunk.jitter,
         attributes=sorted(attributes),
+        draw=(seed, chunk.sample),
         cancel=device.cancel_flag,
     )
 
@@ -40,7 +47,7 @@ def _chart(device, laid_out, instances, origin, chunk, attributes):
     return device.chart(laid_out, origin, chunk, attributes)
 
 
-def _layered_depth(device, geometry, view, casters, layers, width, height):
+def _layered_depth(device, geometry, view, casters, layers, width, height, kept=WHOLE, draw=(0, 0)):
     return device.kernels.layered_depth(
         geometry,
         device.instance_mask(casters),
@@ -48,8 +55,20 @@ def _layered_depth(device, geometry, view, casters, layers, width, height):
         layers,
         width,
         height,
+        kept=kept,
+        draw=draw,
         cancel=device.cancel_flag,
     )
+
+
+def _drawn(layered_depth):
+    """A twin that draws anew for every sample what is partly opaque."""
+
+    def twin(device, geometry, view, casters, layers, width, height, seed, chunk: Chunk):
+        draw = seed, chunk.sample
+        return layered_depth(device, geometry, view, casters, layers, width, height, DRAWN, draw)
+
+    return twin
 
 
 def _ray_accelerator(device, geometry, eye, casters):
@@ -131,6 +150,17 @@ LAYERED_DEPTH = Step(
     work_of=_depth_work,
     ordinary_seconds=70e-9,
 )
+# The same with what is partly opaque there or not by chance, as likely as it is opaque.
+DRAWN_DEPTH = Step(
+    "drawn_depth",
+    cpu=_drawn(_layered_depth),
+    gpu=_drawn(gpu_steps.layered_depth),
+    rate=Rate.SAMPLE,
+    croppable=False,
+    bytes_of=depth_bytes,
+    work_of=_depth_work,
+    ordinary_seconds=70e-9,
+)
 # A bounding volume hierarchy over the casters.
 RAY_ACCELERATOR = Step(
     "ray_accelerator",
@@ -161,7 +191,8 @@ def surface(recorder: Recorder, outline: Outline, *attributes: str) -> Node:
     recorder.reads_instances(visible)
     shot, scene = recorder.shot, geometry(recorder, outline)
     if shot.has_eye:
-        node = recorder.step(SURFACE, scene, instance="camera", view=shot.view, visible=visible)
+        seed = _draws_of(shot, outline, "surface")
+        node = recorder.step(SURFACE, scene, instance="camera", view=shot.view, visible=visible, seed=seed)
     else:
         recorder.wants("uv")
         laid_out = recorder.step(LAID_OUT, scene, instance=shot.name, instances=visible)
@@ -177,13 +208,18 @@ def layered_depth(
     layers: int,
     size: tuple[int, int],
     instance: str,
+    kept: str = WHOLE,
 ) -> Node:
     """`layers` depths of `casters` from `view`, `size` texels wide and high."""
     casters = drawn_from(view, casters, outline.instances)
     recorder.reads_instances(casters)
     width, height = size
+    if kept == DRAWN:
+        step, own = DRAWN_DEPTH, {"seed": _draws_of(recorder.shot, outline, instance)}
+    else:
+        step, own = LAYERED_DEPTH, {"kept": kept}
     return recorder.step(
-        LAYERED_DEPTH,
+        step,
         geometry(recorder, outline),
         instance=instance,
         view=view,
@@ -191,7 +227,13 @@ def layered_depth(
         layers=layers,
         width=width,
         height=height,
+        **own,
     )
+
+
+def _draws_of(shot: Shot, outline: Outline, name: str) -> int:
+    """Seed of the draws of what is partly opaque: for each map its own."""
+    return int(hash_bits(shot.seed, outline.frame & 0xFFFFFFFF, text_bits(name)))
 
 
 def ray_accelerator(outline: Outline, shot: Shot) -> Node:

@@ -33,10 +33,11 @@ def evaluate(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Two independent estimates of V, (N, 2) float64, and the weight of each point, (N,) float64.
 
-    V = integral of visible * L * cos+ * G dA / integral of L * cos+ * G dA (docs/accuracy.md): directions at
-    or below the geometric horizon are in shadow, the cosine is the shading normal's, V is 1 where no light
-    could arrive. The weight is the unshadowed irradiance at radiance 1. Each estimate takes `samples` rays,
-    best a product of two similar numbers; half the mean square of their difference is the variance of one.
+    V = integral of T * L * cos+ * G dA / integral of L * cos+ * G dA (docs/accuracy.md), T what gets through
+    on the way: directions at or below the geometric horizon are in shadow, the cosine is the shading
+    normal's, V is 1 where no light could arrive. The weight is the unshadowed irradiance at radiance 1. Each
+    estimate takes `samples` rays, best a product of two similar numbers; half the mean square of their
+    difference is the variance of one.
     `casters` (instances,) uint8 can shadow it, None: everything.
     """
     generator = np.random.Generator(np.random.PCG64(seed))
@@ -109,13 +110,13 @@ def _evaluate(rays, emitter, casters, points, part, samples, generator):
 
     traced = (_dot(direction, geometric_normal) > 0.0) & (weight > 0.0)
     origins = _by_point(world.T - rays.origin)
-    occluded = rays.occluded(
+    through = rays.transmittance(
         casters,
         np.repeat(origins, 2 * samples, axis=0),
         _by_point(direction.T).reshape(-1, 3),
         _by_point(np.where(traced, distance, 0.0).T).reshape(-1),
     )
-    free = traced & ~occluded.reshape(len(valid), 2 * samples).T
+    free = traced * through.reshape(len(valid), 2 * samples).T
     arrives = (weight * free).reshape(2, samples, -1).sum(1)
     total = weight.reshape(2, samples, -1).sum(1)
     lit = total > 0.0

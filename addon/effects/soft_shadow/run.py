@@ -12,6 +12,7 @@ from ...core.culling import (
     around,
     casters_of,
     not_whole_in,
+    partly_opaque,
     receivers_in_view,
     unlit_reason,
 )
@@ -134,7 +135,8 @@ def _record_light(recorder, outline, params, index, casters, receivers) -> Node:
         recorder.left_out(f"{_told(light)}, {maps}", WHY_NO_MAP.get(reason, reason), light.name)
     if not _has_size(light):
         recorder.left_out(f"{_told(light)}, penumbra", "a light of no size has hard shadows", light.name)
-    maps, inner = [], None
+    partial = partly_opaque(outline, casters)
+    maps, partial_maps, inner = [], [], None
     for name, view in views:
         drawn, resolution = casters, params.resolution
         if inner is not None and share_axes(inner, view):
@@ -144,29 +146,49 @@ def _record_light(recorder, outline, params, index, casters, receivers) -> Node:
                 # Beside the window only what is close to the light counts: large, and as blurred as it.
                 resolution = max(resolution // 2, SMALLEST_RESOLUTION)
                 drawn &= _reaching_out(outline, inner, light, casters, away, receivers)
+        # The sum of areas stores one depth more than it uses: the last has no midpoint to the next.
+        stored = params.layers + (params.method == Method.AREA)
+        kept = shared.DRAWN if partial and not params.rays else shared.WHOLE
         instance = f"{light.name} {name}".strip()
-        maps.append(_map(recorder, outline, params, view, drawn, resolution, instance))
+        maps.append(_map(recorder, outline, params, view, drawn, resolution, instance, stored, kept))
+        if partial and params.rays:
+            # What is nearest to the light tells where any of them lies in its way.
+            instance, kept = f"{instance} partial", shared.PARTIAL
+            own = _map(recorder, outline, params, view, drawn & partial, resolution, instance, 1, kept)
+            partial_maps.append(own)
         inner = view
     eye = recorder.shot.origin
     leaves_edges = _leaves_edges(params, light.emitter)
-    tables = _tables(recorder, outline, light, close, views)
     spacing = 1 if params.method == Method.AREA else params.spacing
-    shadow = recorder.step(
-        steps.BACKPROJECT if spacing == 1 else steps.SPACED_BACKPROJECT,
-        surface,
-        *maps,
-        *tables,
-        instance=light.name,
-        eye=eye,
-        emitter=light.emitter,
-        method=params.method.value,
-        max_samples=_max_samples(params, light.emitter, away),
-        refinements=params.refinements,
-        spacing=spacing,
-        maps=len(maps),
-        leave_edges=leaves_edges,
-    )
-    if params.method == Method.HYBRID or close or leaves_edges:
+
+    def backproject(maps: list[Node], tables: list[Node], method: Method, leave_edges: bool) -> Node:
+        return recorder.step(
+            steps.BACKPROJECT if spacing == 1 else steps.SPACED_BACKPROJECT,
+            surface,
+            *maps,
+            *tables,
+            instance=light.name,
+            eye=eye,
+            emitter=light.emitter,
+            method=method.value,
+            max_samples=_max_samples(params, light.emitter, away),
+            refinements=params.refinements,
+            spacing=spacing,
+            maps=len(maps),
+            leave_edges=leave_edges,
+        )
+
+    tables = _tables(recorder, outline, light, close, views)
+    shadow = backproject(maps, tables, params.method, leaves_edges)
+    if partial_maps:
+        is_sun = light.emitter.kind == EmitterKind.DISTANT_DISK
+        shadow = recorder.step(
+            steps.LEAVE_PARTIAL,
+            shadow,
+            backproject(partial_maps, [], Method.BITMASK, is_sun),
+            instance=light.name,
+        )
+    if params.method == Method.HYBRID or close or leaves_edges or partial_maps:
         recorder.reads_instances(casters)
         accelerator = shared.ray_accelerator(outline, recorder.shot)
         shadow = recorder.step(
@@ -219,11 +241,9 @@ def _reaching_out(outline, inner, light: Light, casters, away, receivers) -> fro
     return outline.instances.memo(key, find)
 
 
-def _map(recorder: Recorder, outline: Outline, params, view, casters, resolution: int, name: str) -> Node:
-    """The sum of areas stores one depth more than it uses: the last has no midpoint to the next."""
-    stored = params.layers + (params.method == Method.AREA)
+def _map(recorder: Recorder, outline, params, view, casters, resolution, name, layers, kept: str) -> Node:
     size = resolution, resolution
-    depth = shared.layered_depth(recorder, outline, view, casters, stored, size, name)
+    depth = shared.layered_depth(recorder, outline, view, casters, layers, size, name, kept)
     return recorder.step(
         steps.PREPARE,
         depth,

@@ -15,8 +15,9 @@ from .params import Method
 POINTS = ("position", "geometric_normal", "shading_normal")
 """What of a surface a light's maps are asked at."""
 
-UNSURE, CLOSE = 1, 2
-"""Of a point left to rays: the map is not to be believed, or knows nothing of what is close to the light."""
+UNSURE, CLOSE, PARTIAL = 1, 2, 3
+"""Of a point left to rays: the map is not to be believed, or knows nothing of what is close to the light, or
+of what is partly opaque."""
 
 EDGE_SHARE = 4
 """So many times fewer rays for what the bitmask leaves to them at hard edges: mostly all or none is lit."""
@@ -80,6 +81,14 @@ def _spaced(backproject):
     return twin
 
 
+def _leave_partial(device, shadow, partial):
+    """Rays for the points that something partly opaque may lie before."""
+    uncertain = shadow["uncertain"]
+    shaded = (partial["visibility"] < 1.0) | (partial["uncertain"] != 0)
+    left = np.where(shaded & (uncertain != CLOSE), uncertain.dtype.type(PARTIAL), uncertain)
+    return {"visibility": shadow["visibility"], "uncertain": left}
+
+
 def _close_casters(device, *depths, emitter, view):
     return close_casters.table(device, depths, emitter, view)
 
@@ -88,7 +97,7 @@ def _rays(device, surface, shadow, accelerator, eye, emitter, casters, method, r
     visibility = shadow["visibility"].copy()
     close = max(rays, CLOSE_RAYS // chunk.samples, FEWEST_CLOSE_RAYS)
     unsure = rays if method == Method.HYBRID.value else -(-rays // EDGE_SHARE)
-    for doubt, count in ((UNSURE, unsure), (CLOSE, close)):
+    for doubt, count in ((UNSURE, unsure), (CLOSE, close), (PARTIAL, rays)):
         chosen = np.flatnonzero(shadow["uncertain"] == doubt)
         if not len(chosen):
             continue
@@ -132,6 +141,7 @@ PREPARE = Step(
     cpu=_prepare,
     gpu=gpu_steps.prepare,
     copyable=False,
+    croppable=False,
     bytes_of=_prepared_bytes,
     ordinary_seconds=0.06,
 )
@@ -150,6 +160,8 @@ SPACED_BACKPROJECT = Step(
 )
 # Where in a map's window to doubt it for what stands beside the window, close to the light.
 CLOSE_CASTERS = Step("soft_shadow/close_casters", cpu=_close_casters, hole="a table of a thousand entries")
+# Leaves the points behind what is partly opaque to rays, which multiply what gets through.
+LEAVE_PARTIAL = Step("soft_shadow/leave_partial", cpu=_leave_partial, hole="rays follow, on the CPU")
 # Rays for the points that the map is unsure of.
 RAYS = Step(
     "soft_shadow/rays",

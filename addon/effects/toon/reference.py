@@ -165,7 +165,7 @@ def _visible(rays, outline, params, lamp, points: SurfacePoints, seed) -> np.nda
 
 
 def _sees_middle(rays, emitter, casters: np.ndarray, points: SurfacePoints) -> np.ndarray:
-    """(N,) float64: 1 where nothing lies between a point and the middle of a lamp."""
+    """(N,) float64: 1 where nothing lies between a point and the middle of a lamp, or what gets through."""
     origins = points.position
     if emitter.kind == EmitterKind.DISTANT_DISK:
         towards = np.tile(-np.array(emitter.forward), (len(origins), 1))
@@ -173,8 +173,8 @@ def _sees_middle(rays, emitter, casters: np.ndarray, points: SurfacePoints) -> n
     else:
         towards = np.array(emitter.centre) - points.eye - origins
         longest = np.ones(len(origins), np.float32)
-    hidden = rays.occluded(casters, origins, towards.astype(np.float32), longest)
-    return np.where(hidden | (np.einsum("ni,ni->n", towards, points.geometric_normal) <= 0.0), 0.0, 1.0)
+    through = rays.transmittance(casters, origins, towards.astype(np.float32), longest)
+    return np.where(np.einsum("ni,ni->n", towards, points.geometric_normal) <= 0.0, 0.0, through)
 
 
 # Dots

@@ -169,7 +169,7 @@ def _estimates(rays, emitter, fill, view_rays, starts, ends, crossings, casters,
         turns = np.arange(SAMPLES)[:, None] * SPREAD + generator.random((count, 1, 2))
         points, to_light, far, value = unshadowed(t, turns % 1.0)
         begin = (points.reshape(-1, 3) - rays.origin).astype(np.float32)
-        lit = ~rays.occluded(
+        lit = rays.transmittance(
             casters, begin, to_light.astype(np.float32), (far * (1.0 - 1e-6)).astype(np.float32)
         )
         if fill.instances is None:

@@ -12,6 +12,7 @@ from ...core.culling import (
     corners_of,
     frustum_corners,
     lights_region,
+    partly_opaque,
 )
 from ...core.emitter import EmitterKind
 from ...core.graph import Node
@@ -133,6 +134,7 @@ def _part(recorder, outline, params, stride, fill, surface, light, number, sourc
     is_only = len(source.eyes) > 1 or not light.emitter.half_width
     name = light.name if is_only else f"{light.name} {number}"
     boxes = outline.instances.boxes_of(casters)
+    kept = shared.DRAWN if partly_opaque(outline, casters) else shared.WHOLE
     maps, counts, windows = [], [], 6
     for index, eye in enumerate(source.eyes):
         views = _views(light, source, eye, boxes, region[None]) if casters else []
@@ -140,7 +142,7 @@ def _part(recorder, outline, params, stride, fill, surface, light, number, sourc
         for face, view in views:
             instance = f"{point} {face}".strip()
             size = (params.resolution, params.resolution)
-            depth = shared.layered_depth(recorder, outline, view, casters, 1, size, instance)
+            depth = shared.layered_depth(recorder, outline, view, casters, 1, size, instance, kept)
             maps.append(recorder.step(steps.LIGHT_MAP, depth, instance=instance, view=view))
         counts.append(len(views))
         # A single frustum has no name; around it all is lit. Cube faces leave nothing out.

@@ -157,6 +157,7 @@ LIGHT_MAP = Step(
     cpu=_light_map,
     gpu=gpu_steps.light_map,
     copyable=False,
+    croppable=False,
     bytes_of=_light_map_bytes,
     ordinary_seconds=0.013,
 )

@@ -9,7 +9,7 @@ mod rows;
 mod topology;
 mod triangulate;
 
-pub use mesh::{Data, Instance, Mesh};
+pub use mesh::{Data, Instance, Material, Mesh, Opacity, Sides};
 pub use python::Geometry;
 pub use topology::{Edge, Topology};
 
@@ -17,6 +17,7 @@ use pyo3::prelude::*;
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<python::SharedMesh>()?;
+    module.add_class::<python::SharedOpacity>()?;
     module.add_class::<Geometry>()?;
     triangulate::register(module)?;
     rows::register(module)

@@ -1,8 +1,9 @@
 //! Geometry as Python fills it.
 
 use super::distance::distance;
-use super::mesh::{Cutout, Data, Instance, Mesh};
+use super::mesh::{Data, Instance, Material, Mesh, Opacity, Sides};
 use super::triangulate::{checked_corners, triangulate};
+use crate::vector::{cross, dot, unit};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -46,10 +47,11 @@ pub struct SharedMesh {
 impl SharedMesh {
     /// Polygons. `positions` (V, 3) f32 in object space; `corner_vertices` (C,) i32; `face_starts` (F + 1,) i32;
     /// `corner_normals` (C, 3) f32 or None for a flat mesh; `corner_uvs` (C, 2) f32 or None; `face_slots` (F,)
-    /// i32 or None. Raises ValueError on indices out of range; faces with a vertex that is not finite are
-    /// dropped.
+    /// i32 or None; `corner_opacity` (C,) f32, what opacities that are `by_corner` are multiplied by, or None.
+    /// Raises ValueError on indices out of range; faces with a vertex that is not finite are dropped.
     #[new]
-    #[pyo3(signature = (positions, corner_vertices, face_starts, corner_normals=None, corner_uvs=None, face_slots=None))]
+    #[pyo3(signature = (positions, corner_vertices, face_starts, corner_normals=None, corner_uvs=None, face_slots=None,
+        corner_opacity=None))]
     pub fn new(
         positions: PyReadonlyArray2<'_, f32>,
         corner_vertices: PyReadonlyArray1<'_, i32>,
@@ -57,6 +59,7 @@ impl SharedMesh {
         corner_normals: Option<PyReadonlyArray2<'_, f32>>,
         corner_uvs: Option<PyReadonlyArray2<'_, f32>>,
         face_slots: Option<PyReadonlyArray1<'_, i32>>,
+        corner_opacity: Option<PyReadonlyArray1<'_, f32>>,
     ) -> PyResult<Self> {
         let positions: Vec<[f32; 3]> = rows(&positions, "positions")?;
         let corner_vertices = checked_corners(corner_vertices.as_slice()?, positions.len())?;
@@ -64,9 +67,11 @@ impl SharedMesh {
             .map_err(PyValueError::new_err)?;
         let corner_normals = corner_normals.map_or(Ok(Vec::new()), |a| rows::<3>(&a, "corner_normals"))?;
         let corner_uvs = corner_uvs.map_or(Ok(Vec::new()), |a| rows::<2>(&a, "corner_uvs"))?;
+        let corner_opacity = corner_opacity.map_or(Ok(Vec::new()), |a| a.as_slice().map(<[f32]>::to_vec))?;
         for (what, length) in [
             ("corner_normals", corner_normals.len()),
             ("corner_uvs", corner_uvs.len()),
+            ("corner_opacity", corner_opacity.len()),
         ] {
             if length != 0 && length != corner_vertices.len() {
                 return Err(PyValueError::new_err(format!("{what} needs one row a corner")));
@@ -91,6 +96,7 @@ impl SharedMesh {
             triangles,
             corner_normals,
             corner_uvs,
+            corner_opacity,
             triangle_slots,
             topology: OnceLock::new(),
         });
@@ -111,6 +117,50 @@ impl SharedMesh {
     }
 }
 
+/// An opacity for any number of materials and geometries.
+#[pyclass(name = "Opacity", frozen)]
+pub struct SharedOpacity {
+    opacity: Arc<Opacity>,
+}
+
+#[pymethods]
+impl SharedOpacity {
+    /// `value`, or `texels` (height, width) f32, row 0 at the bottom; times the mesh's `corner_opacity` if
+    /// `by_corner`; with a `threshold` above 0 it is 1 where all that is at least the threshold, else 0.
+    #[new]
+    #[pyo3(signature = (value=1.0, texels=None, by_corner=false, threshold=0.0))]
+    pub fn new(
+        value: f32,
+        texels: Option<PyReadonlyArray2<'_, f32>>,
+        by_corner: bool,
+        threshold: f32,
+    ) -> PyResult<Self> {
+        let (texels, height, width) = match texels {
+            None => (Vec::new(), 0, 0),
+            Some(t) => (t.as_slice()?.to_vec(), t.shape()[0], t.shape()[1]),
+        };
+        let opacity = Opacity {
+            value,
+            texels,
+            width,
+            height,
+            by_corner,
+            threshold,
+        };
+        Ok(SharedOpacity {
+            opacity: Arc::new(opacity),
+        })
+    }
+}
+
+/// Whether a matrix turns triangles' winding round.
+fn is_mirrored(rows: &[[f64; 4]; 3]) -> bool {
+    let [a, b, c] = rows.map(|[x, y, z, _]| [x, y, z]);
+    // Each axis by itself made to length 1: the determinant of a large or small matrix might overflow.
+    let [a, b, c] = [a, b, c].map(|v| unit(v).unwrap_or([0.0; 3]));
+    dot(cross(a, b), c) < 0.0
+}
+
 /// The first three rows of a matrix (4, 4).
 fn finite_rows(matrix: &PyReadonlyArray2<'_, f64>) -> PyResult<[[f64; 4]; 3]> {
     let m = matrix.as_slice()?;
@@ -128,7 +178,8 @@ impl Geometry {
     }
 
     /// Adds polygons, as `Mesh` takes them, and returns the mesh's index.
-    #[pyo3(signature = (positions, corner_vertices, face_starts, corner_normals=None, corner_uvs=None, face_slots=None))]
+    #[pyo3(signature = (positions, corner_vertices, face_starts, corner_normals=None, corner_uvs=None, face_slots=None,
+        corner_opacity=None))]
     pub fn add_mesh(
         &mut self,
         positions: PyReadonlyArray2<'_, f32>,
@@ -137,6 +188,7 @@ impl Geometry {
         corner_normals: Option<PyReadonlyArray2<'_, f32>>,
         corner_uvs: Option<PyReadonlyArray2<'_, f32>>,
         face_slots: Option<PyReadonlyArray1<'_, i32>>,
+        corner_opacity: Option<PyReadonlyArray1<'_, f32>>,
     ) -> PyResult<usize> {
         self.add_shared_mesh(&SharedMesh::new(
             positions,
@@ -145,6 +197,7 @@ impl Geometry {
             corner_normals,
             corner_uvs,
             face_slots,
+            corner_opacity,
         )?)
     }
 
@@ -155,28 +208,26 @@ impl Geometry {
         Ok(data.meshes.len() - 1)
     }
 
-    /// Adds a material's alpha clip and returns the material's index. `texels` (height, width) f32, row 0
-    /// at the bottom, or None.
-    #[pyo3(signature = (threshold=0.0, alpha=1.0, texels=None))]
+    /// Adds a material and returns its index: opacities of its front and its back, that cameras see and that
+    /// cast shadows. None: whole.
+    #[pyo3(signature = (seen=None, casts=None))]
     pub fn add_material(
         &mut self,
-        threshold: f32,
-        alpha: f32,
-        texels: Option<PyReadonlyArray2<'_, f32>>,
+        seen: Option<[PyRef<'_, SharedOpacity>; 2]>,
+        casts: Option<[PyRef<'_, SharedOpacity>; 2]>,
     ) -> PyResult<usize> {
-        let (texels, height, width) = match texels {
-            None => (Vec::new(), 0, 0),
-            Some(t) => (t.as_slice()?.to_vec(), t.shape()[0], t.shape()[1]),
-        };
         let data = self.edit()?;
-        data.cutouts.push(Cutout {
-            threshold,
-            alpha,
-            texels,
-            width,
-            height,
+        let sides = |given: Option<[PyRef<'_, SharedOpacity>; 2]>| -> Sides {
+            given.map_or_else(
+                || std::array::from_fn(|_| Arc::new(Opacity::WHOLE)),
+                |sides| sides.map(|side| side.opacity.clone()),
+            )
+        };
+        data.materials.push(Material {
+            seen: sides(seen),
+            casts: sides(casts),
         });
-        Ok(data.cutouts.len() - 1)
+        Ok(data.materials.len() - 1)
     }
 
     /// Adds an instance and returns its index. `matrix` (4, 4) f64 object to world; `slot_materials` the
@@ -193,7 +244,7 @@ impl Geometry {
         if mesh >= data.meshes.len() {
             return Err(PyValueError::new_err(format!("no mesh {mesh}")));
         }
-        if slot_materials.is_empty() || slot_materials.iter().any(|&s| s as usize >= data.cutouts.len()) {
+        if slot_materials.is_empty() || slot_materials.iter().any(|&s| s as usize >= data.materials.len()) {
             return Err(PyValueError::new_err(
                 "slot_materials names a material that was not added",
             ));
@@ -201,6 +252,7 @@ impl Geometry {
         data.instances.push(Instance {
             mesh,
             matrix,
+            is_mirrored: is_mirrored(&matrix),
             object_id,
             slot_materials,
         });

@@ -3,9 +3,10 @@
 use super::camera::{Camera, winding_normal};
 use super::edge::edge;
 use super::grid::{Grid, Pixels, Point};
+use super::presence::{Presence, Rule};
 use super::setup::{Polygon, Triangle};
 use crate::cancel::CancelFlag;
-use crate::geometry::{Data, Instance};
+use crate::geometry::Data;
 use crate::simd::{Simd, Work, dispatch};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -118,26 +119,8 @@ struct SetUpChunk<'a> {
     data: &'a Data,
     camera: &'a Camera,
     grid: Grid,
+    rule: Rule,
     pieces: &'a [Piece],
-}
-
-/// Whether a triangle is there, not there, or there where its alpha says so.
-#[derive(Clone, Copy, PartialEq)]
-enum Alpha {
-    Opaque,
-    Absent,
-    Tested,
-}
-
-fn alpha(data: &Data, instance: &Instance, slot: u32) -> Alpha {
-    let cutout = &data.cutouts[instance.material(slot) as usize];
-    if !cutout.is_uniform() {
-        Alpha::Tested
-    } else if cutout.is_opaque([0.0; 2]) {
-        Alpha::Opaque
-    } else {
-        Alpha::Absent
-    }
 }
 
 impl SetUpChunk<'_> {
@@ -180,20 +163,21 @@ impl Work for SetUpChunk<'_> {
             let instance = &self.data.instances[piece.instance];
             let mesh = &self.data.meshes[instance.mesh];
             let to_view = self.camera.object_to_view(&instance.matrix);
-            let slots: Vec<Alpha> = (0..instance.slot_materials.len() as u32)
-                .map(|slot| alpha(self.data, instance, slot))
+            let materials = instance.slot_materials.iter();
+            let slots: Vec<Presence> = materials
+                .map(|&material| self.rule.presence(&self.data.materials[material as usize]))
                 .collect();
             let uniform =
                 (slots.iter().all(|&a| a == slots[0]) || mesh.triangle_slots.is_empty()).then_some(slots[0]);
-            if uniform == Some(Alpha::Absent) {
+            if uniform == Some(Presence::Never) {
                 continue;
             }
             for index in piece.triangles.clone() {
-                let alpha = uniform.unwrap_or_else(|| {
+                let presence = uniform.unwrap_or_else(|| {
                     let slot = mesh.triangle_slots[index] as usize;
                     slots[slot.min(slots.len() - 1)]
                 });
-                if alpha == Alpha::Absent {
+                if presence == Presence::Never {
                     continue;
                 }
                 let id = piece.first_id + index as u32;
@@ -201,13 +185,13 @@ impl Work for SetUpChunk<'_> {
                 let p = [to_view.point(a), to_view.point(b), to_view.point(c)];
                 let normal = to_view.normal(winding_normal([a, b, c]));
                 let drawable = camera.is_drawable(p[0]) & camera.is_drawable(p[1]) & camera.is_drawable(p[2]);
-                if drawable && alpha == Alpha::Opaque {
+                if drawable && presence == Presence::Always {
                     if let Some((triangle, pixels)) = camera.set_up(grid, &p, normal, id) {
                         self.bin(&triangle.points, pixels, triangles.len() as u32, &mut pairs);
                         triangles.push(triangle);
                     }
                 } else {
-                    let tested = alpha == Alpha::Tested;
+                    let tested = presence == Presence::Tested;
                     if let Some((polygon, pixels)) = camera.set_up_polygon(grid, &p, normal, id, tested) {
                         let item = polygons.len() as u32 | POLYGON;
                         self.bin(polygon.points(), pixels, item, &mut pairs);
@@ -251,6 +235,7 @@ pub fn bin_triangles(
     ids: &[u32],
     camera: &Camera,
     grid: Grid,
+    rule: Rule,
     cancel: &CancelFlag,
 ) -> PyResult<Bins> {
     let chunks = tasks(data, drawn, ids)
@@ -261,6 +246,7 @@ pub fn bin_triangles(
                 data,
                 camera,
                 grid,
+                rule,
                 pieces,
             }))
         })

@@ -2,6 +2,7 @@
 
 use super::block::Block;
 use super::camera::{Camera, Ray, Transform, winding_normal};
+use super::presence::Rule;
 use super::wide::{Pixels, WIDE, Wide, Wide3, lane, wide, wide_dot};
 use crate::geometry::{Data, Instance, Mesh};
 use crate::vector::{Vec3, add, cross, dot, scale, sub};
@@ -12,17 +13,19 @@ pub struct Finder<'a> {
     /// Id of each instance's first triangle.
     first_ids: &'a [u32],
     pub camera: &'a Camera,
+    rule: Rule,
     /// Of each instance, world axes.
     to_eye: Vec<Transform>,
 }
 
 impl<'a> Finder<'a> {
-    pub fn new(data: &'a Data, first_ids: &'a [u32], camera: &'a Camera) -> Self {
+    pub fn new(data: &'a Data, first_ids: &'a [u32], camera: &'a Camera, rule: Rule) -> Self {
         let to_eye = |instance: &Instance| camera.object_to_eye(&instance.matrix);
         Finder {
             data,
             first_ids,
             camera,
+            rule,
             to_eye: data.instances.iter().map(to_eye).collect(),
         }
     }
@@ -60,20 +63,30 @@ impl<'a> Finder<'a> {
         }
     }
 
-    /// Sets the depths of a block's fragments that alpha clip cuts away to infinity; `pixel` is its first.
+    /// Sets the depths of a block's fragments that are not there to infinity; `pixel` is its first.
     #[inline(never)]
     pub fn cut(&self, depths: &mut Block<f32>, id: u32, pixel: [i32; 2]) {
         let hit = self.find(id);
-        let cutout = &self.data.cutouts[hit.material() as usize];
+        let material = &self.data.materials[hit.material() as usize];
+        let opacity = &self.rule.sides(material)[usize::from(hit.shows_back(self.camera))];
+        let uniform = opacity.uniform();
+        let triangle = [hit.instance_index, hit.triangle];
         for (row, depths) in depths.0.as_chunks_mut::<WIDE>().0.iter_mut().enumerate() {
             let wanted = depths.map(f32::is_finite);
             if wanted == [false; WIDE] {
                 continue;
             }
             let pixels = Pixels::new([pixel[0], pixel[1] + row as i32], wanted);
-            let [u, v] = hit.uvs(&hit.weights(self.camera, pixels));
+            let found = if let Some(opacity) = uniform {
+                [opacity; WIDE]
+            } else {
+                let weights = hit.weights(self.camera, pixels);
+                let ([u, v], factors) = (hit.uvs(&weights), hit.factors(&weights));
+                std::array::from_fn(|l| opacity.at([u[l] as f32, v[l] as f32], factors[l] as f32))
+            };
             for (l, depth) in depths.iter_mut().enumerate() {
-                if wanted[l] && !cutout.is_opaque([u[l] as f32, v[l] as f32]) {
+                let place = [pixels.first[0] + l as i32, pixels.first[1]];
+                if wanted[l] && !self.rule.keeps(found[l], triangle, place) {
                     *depth = f32::INFINITY;
                 }
             }
@@ -127,8 +140,18 @@ fn meeting(camera: &Camera, corner: Vec3, [a, b]: [Vec3; 2]) -> [Vec3; 3] {
 
 impl Hit<'_> {
     pub fn material(&self) -> u32 {
-        let slot = self.mesh.triangle_slots.get(self.triangle).copied().unwrap_or(0);
-        self.instance.material(slot)
+        self.instance.material(self.mesh.slot(self.triangle))
+    }
+
+    /// Whether the eye is behind it.
+    fn shows_back(&self, camera: &Camera) -> bool {
+        let towards = if camera.orthographic {
+            camera.axes[2]
+        } else {
+            self.corners[0]
+        };
+        let is_behind = self.normal.is_some_and(|normal| dot(normal, towards) > 0.0);
+        is_behind != self.instance.is_mirrored
     }
 
     /// Weights of the corners where each pixel's ray meets the triangle. A pixel that only snapping put inside
@@ -208,6 +231,15 @@ impl Hit<'_> {
         }
         let corners = self.mesh.triangles[self.triangle].map(|c| self.mesh.corner_uvs[c as usize]);
         std::array::from_fn(|k| wide_dot(corners.map(|corner| f64::from(corner[k])), weights))
+    }
+
+    /// What opacities by corner are multiplied by.
+    fn factors(&self, weights: &Wide3) -> Wide {
+        if self.mesh.corner_opacity.is_empty() {
+            return [1.0; WIDE];
+        }
+        let corners = self.mesh.triangles[self.triangle].map(|c| self.mesh.corner_opacity[c as usize]);
+        wide_dot(corners.map(f64::from), weights)
     }
 
     /// Unit normals, geometric and shading, in world axes. The geometric one faces the viewer, and the

@@ -11,6 +11,7 @@ mod edge;
 mod grid;
 mod hit;
 mod layers;
+mod presence;
 mod setup;
 mod shade;
 mod surface;
@@ -26,6 +27,7 @@ use camera::Camera;
 use grid::Grid;
 use hit::Finder;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use presence::{Kept, Rule};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -61,6 +63,7 @@ struct Drawing {
     drawn: Vec<bool>,
     camera: Camera,
     grid: Grid,
+    rule: Rule,
 }
 
 impl Drawing {
@@ -72,6 +75,7 @@ impl Drawing {
         [width, height]: [usize; 2],
         [columns, rows]: [Option<(i32, i32)>; 2],
         jitter: (f64, f64),
+        rule: Rule,
     ) -> PyResult<Self> {
         let data = geometry.data();
         let drawn = drawn(mask, &data)?;
@@ -92,6 +96,7 @@ impl Drawing {
             drawn,
             camera,
             grid,
+            rule,
         })
     }
 
@@ -102,8 +107,16 @@ impl Drawing {
         work: impl FnOnce(&Bins, &Finder) -> PyResult<R>,
     ) -> PyResult<R> {
         let ids = first_ids(&self.data)?;
-        let bins = bin_triangles(&self.data, &self.drawn, &ids, &self.camera, self.grid, cancel)?;
-        work(&bins, &Finder::new(&self.data, &ids, &self.camera))
+        let bins = bin_triangles(
+            &self.data,
+            &self.drawn,
+            &ids,
+            &self.camera,
+            self.grid,
+            self.rule,
+            cancel,
+        )?;
+        work(&bins, &Finder::new(&self.data, &ids, &self.camera, self.rule))
     }
 }
 
@@ -112,14 +125,16 @@ impl Drawing {
 /// on which others are asked for.
 ///
 /// `visible` (instance_count,) bool or uint8; `view` (19,) f64, as `View.packed()`; `jitter` moves the
-/// pixel centres, in pixels. Returns a dict of the `attributes` asked for, h = rows[1] - rows[0], w likewise:
+/// pixel centres, in pixels; `draw`, a seed and the sample's number, decides which fragments of what is partly opaque
+/// are there (Draw in random.rs). Returns a dict of the `attributes` asked for, h = rows[1] - rows[0], w likewise:
 /// `position` (h, w, 3) f32 metres relative to the eye in world axes, on the triangle; `geometric_normal`
 /// (h, w, 3) f32, unit, facing the viewer; `shading_normal` (h, w, 3) f32, unit, turned with the geometric
 /// one; `depth` (h, w) f32 metres along forward, inf where nothing is; `uv` (h, w, 2) f32;
 /// `object_id`, `instance`, `triangle` (of the instance's mesh), `material` (h, w) i32, -1 where nothing is.
 /// What else is nothing is 0. Raises ValueError on bad input, Cancelled when `cancel` is set.
 #[pyfunction]
-#[pyo3(signature = (geometry, visible, view, width, height, rows=None, columns=None, jitter=(0.0, 0.0), attributes=Vec::new(), cancel=None))]
+#[pyo3(signature = (geometry, visible, view, width, height, rows=None, columns=None, jitter=(0.0, 0.0), attributes=Vec::new(),
+    draw=(0, 0), cancel=None))]
 fn raster_surface<'py>(
     py: Python<'py>,
     geometry: PyRef<'py, Geometry>,
@@ -131,9 +146,22 @@ fn raster_surface<'py>(
     columns: Option<(i32, i32)>,
     jitter: (f64, f64),
     attributes: Vec<String>,
+    draw: (u32, u32),
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let drawing = Drawing::new(geometry, visible, &view, [width, height], [columns, rows], jitter)?;
+    let rule = Rule {
+        is_camera: true,
+        kept: Kept::named("drawn", draw)?,
+    };
+    let drawing = Drawing::new(
+        geometry,
+        visible,
+        &view,
+        [width, height],
+        [columns, rows],
+        jitter,
+        rule,
+    )?;
     let (h, w) = (drawing.grid.height, drawing.grid.width);
     let mut images = Images::wanted(&attributes, h * w)?;
     let cancel = CancelFlag::of(cancel);
@@ -146,7 +174,7 @@ fn raster_surface<'py>(
 }
 
 /// Which objects lie before a surface already drawn: (h, w) i32 object ids of the nearest one nearer than `depth`
-/// (h, w) f32, metres along forward, by more than a millionth of it; -1 where there is none. The other arguments
+/// (h, w) f32, metres along forward, by more than a millionth of it, of those wholly opaque; -1 where there is none. The other arguments
 /// are `raster_surface`'s, h = rows[1] - rows[0] and w likewise. Raises ValueError on bad input, Cancelled when `cancel` is set.
 #[pyfunction]
 #[pyo3(signature = (geometry, visible, view, width, height, depth, rows=None, columns=None, jitter=(0.0, 0.0), cancel=None))]
@@ -163,7 +191,19 @@ fn raster_before<'py>(
     jitter: (f64, f64),
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyArray2<i32>>> {
-    let drawing = Drawing::new(geometry, visible, &view, [width, height], [columns, rows], jitter)?;
+    let rule = Rule {
+        is_camera: true,
+        kept: Kept::Whole,
+    };
+    let drawing = Drawing::new(
+        geometry,
+        visible,
+        &view,
+        [width, height],
+        [columns, rows],
+        jitter,
+        rule,
+    )?;
     let shape = [drawing.grid.height, drawing.grid.width];
     if depth.shape() != shape {
         return Err(PyValueError::new_err(format!(
@@ -186,9 +226,12 @@ fn raster_before<'py>(
 /// where there are no more; of `rows` and `columns` where they are given, as `raster_surface` has them. Coplanar duplicates are all kept; an edge between two triangles is one depth.
 ///
 /// `casters` (instance_count,) bool or uint8; `view` (19,) f64, as `View.packed()`. Both sides of a triangle
-/// count. Raises ValueError on bad input, Cancelled when `cancel` is set.
+/// count. `kept`: of what is not wholly opaque to shadow rays, "whole" keeps what is all the same to half a step of 8
+/// bits, "partial" what stops a share, and "drawn" each fragment by chance, as `draw` says (a seed and a sample's number,
+/// Draw in random.rs). Raises ValueError on bad input, Cancelled when `cancel` is set.
 #[pyfunction]
-#[pyo3(signature = (geometry, casters, view, layers, width, height, rows=None, columns=None, cancel=None))]
+#[pyo3(signature = (geometry, casters, view, layers, width, height, rows=None, columns=None, kept="whole",
+    draw=(0, 0), cancel=None))]
 fn layered_depth<'py>(
     py: Python<'py>,
     geometry: PyRef<'py, Geometry>,
@@ -199,6 +242,8 @@ fn layered_depth<'py>(
     height: usize,
     rows: Option<(i32, i32)>,
     columns: Option<(i32, i32)>,
+    kept: &str,
+    draw: (u32, u32),
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyAny>> {
     if layers == 0 || layers > layers::MAX_LAYERS {
@@ -214,6 +259,10 @@ fn layered_depth<'py>(
         [width, height],
         [columns, rows],
         (0.0, 0.0),
+        Rule {
+            is_camera: false,
+            kept: Kept::named(kept, draw)?,
+        },
     )?;
     let cancel = CancelFlag::of(cancel);
     let image = py.detach(|| {

@@ -40,13 +40,13 @@ pub struct Triangle {
     pub id: u32,
 }
 
-/// A triangle that was clipped, or whose alpha must be looked up: its visible part as a convex polygon.
+/// A triangle that was clipped, or whose opacity must be looked up: its visible part as a convex polygon.
 pub struct Polygon {
     points: [Point; MAX_CORNERS],
     count: usize,
     pub plane: Plane,
     pub id: u32,
-    pub alpha_tested: bool,
+    pub is_tested: bool,
 }
 
 impl Polygon {
@@ -162,7 +162,7 @@ impl Camera {
         Some((Triangle { points, plane, id }, pixels))
     }
 
-    /// Sets up a triangle that must be clipped or alpha-tested.
+    /// Sets up a triangle that must be clipped or tested for opacity.
     #[inline(never)]
     pub fn set_up_polygon(
         &self,
@@ -170,7 +170,7 @@ impl Camera {
         p: &[Vec3; 3],
         normal: Vec3,
         id: u32,
-        alpha_tested: bool,
+        is_tested: bool,
     ) -> Option<(Polygon, Pixels)> {
         let depths = [p[0][2], p[1][2], p[2][2]];
         let hidden = depths.iter().all(|&z| z < self.near) || depths.iter().all(|&z| z > self.far);
@@ -214,7 +214,7 @@ impl Camera {
             count,
             plane,
             id,
-            alpha_tested,
+            is_tested,
         };
         Some((polygon, pixels))
     }

@@ -38,8 +38,8 @@ struct Outline<'a, const N: usize> {
     edges: [Edge<i32>; N],
     plane: &'a Plane,
     id: u32,
-    /// Where the material cuts fragments away.
-    alpha: Option<&'a Finder<'a>>,
+    /// Where each fragment has to be looked at.
+    tested: Option<&'a Finder<'a>>,
 }
 
 /// Draws all items of a tile into the sink, in the order of their ids.
@@ -72,7 +72,7 @@ fn draw_items<V: Eight, S: Sink, const ORTHOGRAPHIC: bool>(
                             edges,
                             plane: &t.plane,
                             id: t.id,
-                            alpha: None,
+                            tested: None,
                         })
                     });
                     if let Some(outline) = outline {
@@ -86,7 +86,7 @@ fn draw_items<V: Eight, S: Sink, const ORTHOGRAPHIC: bool>(
                             edges,
                             plane: &p.plane,
                             id: p.id,
-                            alpha: p.alpha_tested.then_some(finder),
+                            tested: p.is_tested.then_some(finder),
                         };
                         draw::<V, S, ORTHOGRAPHIC, MAX_CORNERS>(v, origin, &outline, sink);
                     }
@@ -121,7 +121,7 @@ fn small<'a>(origin: [i32; 2], t: &'a Triangle) -> Option<Outline<'a, 3>> {
         edges: [edge(a, b), edge(b, c), edge(c, a)],
         plane: &t.plane,
         id: t.id,
-        alpha: None,
+        tested: None,
     })
 }
 
@@ -229,7 +229,7 @@ fn draw<V: Eight, S: Sink, const ORTHOGRAPHIC: bool, const N: usize>(
             if !sink.wants(v, block, depths) {
                 continue;
             }
-            if let Some(finder) = outline.alpha {
+            if let Some(finder) = outline.tested {
                 let mut cut = Block([0.0; BLOCK_PIXELS]);
                 v.store(depths, &mut cut.0);
                 finder.cut(&mut cut, *id, pixel);

@@ -1,11 +1,12 @@
 //! Rays from Python: the tree as a class, and its queries.
 
 use super::arguments::{CHUNK, Flag, Floats, bytes, in_parallel, three, triples};
-use super::bvh::Nearest;
+use super::bvh::Met;
 use super::packet::Packet;
 use super::scene::Scene;
 use super::trace::Scratch;
 use crate::geometry::Geometry;
+use crate::random::Draw;
 use crate::simd::{LANES, Simd, Work, dispatch};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -28,8 +29,11 @@ pub(super) struct Rays<'a, const NEAREST: bool> {
     pub(super) origins: &'a [[f32; 3]],
     pub(super) directions: &'a [[f32; 3]],
     pub(super) t_max: &'a [f32],
-    /// Called with the first ray's index, the traced packet and its nearest hits.
-    pub(super) done: &'a mut dyn FnMut(usize, &Packet, &Nearest),
+    /// How rays that go on to their nearest hit decide whether what is partly opaque is there: seed, sample and pixel;
+    /// None: each by itself.
+    pub(super) draws: Option<&'a [[u32; 4]]>,
+    /// Called with the first ray's index, the traced packet and what it met.
+    pub(super) done: &'a mut dyn FnMut(usize, &Packet, &Met),
 }
 
 impl<const NEAREST: bool> Work for Rays<'_, NEAREST> {
@@ -41,7 +45,7 @@ impl<const NEAREST: bool> Work for Rays<'_, NEAREST> {
         let mut scratch = Scratch::default();
         for first in (0..self.origins.len()).step_by(LANES) {
             let mut packet = Packet::EMPTY;
-            let mut nearest = Nearest::NONE;
+            let mut met = Met::NONE;
             let rays = first..(first + LANES).min(self.origins.len());
             for (lane, ray) in rays.enumerate() {
                 let (origin, direction) = (self.origins[ray], self.directions[ray]);
@@ -52,16 +56,23 @@ impl<const NEAREST: bool> Work for Rays<'_, NEAREST> {
                 if finite && self.t_max[ray] > 0.0 {
                     packet.add(lane, origin, direction, self.t_max[ray].min(f32::MAX));
                 }
+                if NEAREST {
+                    let own = direction.map(f32::to_bits);
+                    let [seed, sample, x, y] =
+                        self.draws.map_or([own[0], 0, own[1], own[2]], |draws| draws[ray]);
+                    met.draw[lane] = Draw { seed, sample };
+                    met.pixel[lane] = [x.cast_signed(), y.cast_signed()];
+                }
             }
             packet.prepare();
             let scene = self.scene;
-            scene.trace::<_, NEAREST>(vector, self.casters, &mut packet, &mut scratch, &mut nearest);
-            (self.done)(first, &packet, &nearest);
+            scene.trace::<_, NEAREST>(vector, self.casters, &mut packet, &mut scratch, &mut met);
+            (self.done)(first, &packet, &met);
         }
     }
 }
 
-/// What `occluded` and `nearest` are asked, checked.
+/// What `transmittance` and `nearest` are asked, checked.
 struct Batch<'a> {
     scene: &'a Scene,
     casters: &'a [u8],
@@ -93,7 +104,7 @@ impl<'a> Batch<'a> {
         &'b self,
         chunk: usize,
         length: usize,
-        done: &'b mut dyn FnMut(usize, &Packet, &Nearest),
+        done: &'b mut dyn FnMut(usize, &Packet, &Met),
     ) -> Rays<'b, NEAREST> {
         let range = chunk * CHUNK..chunk * CHUNK + length;
         Rays {
@@ -102,6 +113,7 @@ impl<'a> Batch<'a> {
             origins: &self.origins[range.clone()],
             directions: &self.directions[range.clone()],
             t_max: &self.t_max[range],
+            draws: None,
             done,
         }
     }
@@ -142,13 +154,14 @@ impl Accel {
         self.scene.placed_count()
     }
 
-    /// Whether something lies between the ends of each segment: (N,) bool. `origins` (N, 3) f32 relative to
-    /// `origin`; `directions` (N, 3) f32 of any length; `t_max` (N,) f32 in lengths of the direction, infinity
-    /// allowed. `casters` (instances,) u8: zero lets light through; None: all stop it. A ray that is not finite
-    /// is free. A surface that the origin lies in, up to rounding, does not stop the ray. Sixteen consecutive
-    /// rays of one origin are fastest. Raises Cancelled.
+    /// How much gets through between the ends of each segment: (N,) f32, 0 where something opaque lies there and the
+    /// product of 1 - opacity of what is partly so; less than 1e-4 is 0. `origins` (N, 3) f32 relative to `origin`;
+    /// `directions` (N, 3) f32 of any length; `t_max` (N,) f32 in lengths of the direction, infinity allowed. `casters`
+    /// (instances,) u8: zero lets light through; None: all stop it. A ray that is not finite is free. A surface that
+    /// the origin lies in, up to rounding, does not stop the ray. Sixteen consecutive rays of one origin are fastest.
+    /// Raises Cancelled.
     #[pyo3(signature = (casters, origins, directions, t_max, cancel=None))]
-    fn occluded<'py>(
+    fn transmittance<'py>(
         &self,
         py: Python<'py>,
         casters: Option<PyReadonlyArray1<'py, u8>>,
@@ -156,17 +169,17 @@ impl Accel {
         directions: PyReadonlyArray2<'py, f32>,
         t_max: PyReadonlyArray1<'py, f32>,
         cancel: Flag<'py>,
-    ) -> PyResult<Bound<'py, PyArray1<bool>>> {
+    ) -> PyResult<Floats<'py>> {
         let scene = &self.scene;
         let batch = Batch::new(scene, &casters, &origins, &directions, &t_max)?;
         let cancel = cancel.map(|c| c.clone());
         let result = py.detach(|| {
-            let mut result = vec![false; batch.t_max.len()];
+            let mut result = vec![1.0; batch.t_max.len()];
             in_parallel(result.par_chunks_mut(CHUNK), &cancel, |chunk, result| {
                 let length = result.len();
-                let done = &mut |first: usize, packet: &Packet, _: &Nearest| {
+                let done = &mut |first: usize, packet: &Packet, met: &Met| {
                     for (lane, result) in result[first..].iter_mut().take(LANES).enumerate() {
-                        *result = packet.hit >> lane & 1 != 0;
+                        *result = met.share(packet, lane);
                     }
                 };
                 dispatch(batch.chunk::<false>(chunk, length, done));
@@ -177,7 +190,7 @@ impl Accel {
     }
 
     /// The nearest hit of each ray: t (N,) f32, infinity for none, instance (N,) i32 and triangle (N,) i32, -1 for
-    /// none. Arguments as for `occluded`.
+    /// none; what is partly opaque to cameras is there by chance. Arguments as for `transmittance`.
     #[pyo3(signature = (casters, origins, directions, t_max, cancel=None))]
     fn nearest<'py>(
         &self,
@@ -195,10 +208,10 @@ impl Accel {
             let mut hits = vec![(f32::INFINITY, -1, -1); batch.t_max.len()];
             in_parallel(hits.par_chunks_mut(CHUNK), &cancel, |chunk, hits| {
                 let length = hits.len();
-                let done = &mut |first: usize, packet: &Packet, nearest: &Nearest| {
+                let done = &mut |first: usize, packet: &Packet, met: &Met| {
                     for (lane, hit) in hits[first..].iter_mut().take(LANES).enumerate() {
-                        if nearest.instance[lane] != u32::MAX {
-                            let ids = (nearest.instance[lane] as i32, nearest.triangle[lane] as i32);
+                        if met.instance[lane] != u32::MAX {
+                            let ids = (met.instance[lane] as i32, met.triangle[lane] as i32);
                             *hit = (packet.t_max[lane], ids.0, ids.1);
                         }
                     }

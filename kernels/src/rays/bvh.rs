@@ -6,6 +6,7 @@
 //! boxes that end within t = 1e-4.
 
 use super::packet::{Packet, WIDENING, lanes_of};
+use crate::random::Draw;
 use crate::simd::{LANES, Lanes, Vector};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
@@ -260,16 +261,35 @@ fn opened(tree: &Bvh2, node: usize) -> Vec<usize> {
     children
 }
 
-/// What the nearest hit of each ray was; of several equally near the lowest (instance, triangle).
+/// What each ray of a packet met.
 #[derive(Clone, Copy)]
-pub struct Nearest {
+pub struct Met {
+    /// The nearest hit, of rays that are asked for it; of several equally near the lowest (instance, triangle).
     pub instance: [u32; LANES],
     pub triangle: [u32; LANES],
+    /// How it is decided for them whether what is partly opaque is there: by whose draw, at which pixel.
+    pub draw: [Draw; LANES],
+    pub pixel: [[i32; 2]; LANES],
+    /// Of rays that end at any hit, the share that gets through what is partly opaque.
+    pub through: Lanes,
 }
 
-impl Nearest {
-    pub const NONE: Nearest = Nearest {
+impl Met {
+    pub const NONE: Met = Met {
         instance: [u32::MAX; LANES],
         triangle: [u32::MAX; LANES],
+        draw: [Draw { seed: 0, sample: 0 }; LANES],
+        pixel: [[0; 2]; LANES],
+        through: [1.0; LANES],
     };
+
+    /// What gets through of a ray of `packet`.
+    #[inline(always)]
+    pub fn share(&self, packet: &Packet, ray: usize) -> f32 {
+        if packet.hit >> ray & 1 == 0 {
+            self.through[ray]
+        } else {
+            0.0
+        }
+    }
 }

@@ -1,10 +1,11 @@
 //! What a walk does when it comes to triangles, or to an instance of a tree of its own.
 
-use super::bvh::{Leaf, Nearest, Stack};
+use super::bvh::{Leaf, Met, Stack};
+use super::clear::Clear;
 use super::packet::{Packet, lanes_of};
 use super::scene::{Matrix, Scene};
 use super::triangle::Block;
-use crate::simd::{LANES, Lanes, Vector};
+use crate::simd::{LANES, Vector};
 
 /// Leaves of triangles: those of one instance, or with `None` each of its own. `SHARED`: the packet is;
 /// `NEAREST`: rays go on to their nearest hit instead of ending at any.
@@ -13,7 +14,7 @@ pub struct InTriangles<'a, const SHARED: bool, const NEAREST: bool> {
     pub blocks: &'a [Block],
     pub instance: Option<u32>,
     pub casters: &'a [u8],
-    pub nearest: &'a mut Nearest,
+    pub met: &'a mut Met,
 }
 
 impl<const SHARED: bool, const NEAREST: bool> InTriangles<'_, SHARED, NEAREST> {
@@ -45,17 +46,27 @@ impl<const SHARED: bool, const NEAREST: bool> Leaf for InTriangles<'_, SHARED, N
             }
             let d = &packet.direction;
             // As far as the hit so far, and not just before it: of equal ones the rule below decides.
-            let met = NEAREST && self.nearest.instance[ray] != u32::MAX;
+            let met = NEAREST && self.met.instance[ray] != u32::MAX;
             let t_max = packet.t_max[ray];
             let end = if met { t_max.next_up() } else { t_max };
             let hits = seen.intersect(vector, [d[0][ray], d[1][ray], d[2][ray]], end);
             let mut hit = hits.hit & casting;
-            if hit & block.cutouts != 0 {
+            if hit & block.clear != 0 {
                 let mut weights = [[0.0; LANES]; 3];
                 for edge in 0..3 {
                     vector.store(hits.weights[edge], &mut weights[edge]);
                 }
-                hit = self.scene.opaque(block, self.instance, &weights, hit);
+                let clear = Clear {
+                    scene: self.scene,
+                    block,
+                    instance: self.instance,
+                    weights: &weights,
+                };
+                hit = if NEAREST {
+                    clear.drawn(hit, self.met.draw[ray], self.met.pixel[ray])
+                } else {
+                    clear.stopping(hit, &mut self.met.through[ray])
+                };
             }
             if hit == 0 {
                 continue;
@@ -68,13 +79,13 @@ impl<const SHARED: bool, const NEAREST: bool> Leaf for InTriangles<'_, SHARED, N
                         self.instance.unwrap_or(block.instances[lane]),
                         block.triangles[lane],
                     );
-                    let kept = (self.nearest.instance[ray], self.nearest.triangle[ray]);
+                    let kept = (self.met.instance[ray], self.met.triangle[ray]);
                     let t_max = &mut packet.t_max[ray];
                     // Whatever the order of the tree, the lowest (instance, triangle) of those equally near, as in
                     // the rasteriser.
                     if t[lane] < *t_max || t[lane] == *t_max && id < kept {
                         *t_max = t[lane];
-                        (self.nearest.instance[ray], self.nearest.triangle[ray]) = id;
+                        (self.met.instance[ray], self.met.triangle[ray]) = id;
                     }
                 }
             } else {
@@ -88,7 +99,7 @@ impl<const SHARED: bool, const NEAREST: bool> Leaf for InTriangles<'_, SHARED, N
 pub struct InInstances<'a, const SHARED: bool, const NEAREST: bool> {
     pub scene: &'a Scene,
     pub casters: &'a [u8],
-    pub nearest: &'a mut Nearest,
+    pub met: &'a mut Met,
     pub stack: &'a mut Stack,
 }
 
@@ -106,42 +117,12 @@ impl<const SHARED: bool, const NEAREST: bool> Leaf for InInstances<'_, SHARED, N
             blocks: &tree.blocks,
             instance: Some(placed.instance),
             casters: &[],
-            nearest: self.nearest,
+            met: self.met,
         };
         tree.bvh
             .walk::<V, SHARED>(vector, &mut local, rays, self.stack, &mut triangles);
         packet.hit |= local.hit;
         packet.t_max = local.t_max;
-    }
-}
-
-impl Scene {
-    /// Of the triangles `hit` (one bit a lane), those where the material's alpha clip leaves something.
-    #[inline(never)]
-    fn opaque(&self, block: &Block, instance: Option<u32>, weights: &[Lanes; 3], hit: u32) -> u32 {
-        let mut opaque = hit;
-        for lane in lanes_of(hit & block.cutouts) {
-            let instance = &self.data.instances[instance.unwrap_or(block.instances[lane]) as usize];
-            let mesh = &self.data.meshes[instance.mesh];
-            let index = block.triangles[lane] as usize;
-            let slot = mesh.triangle_slots.get(index).copied().unwrap_or(0);
-            let cutout = &self.data.cutouts[instance.material(slot) as usize];
-            let mut uv = [0.0; 2];
-            if !cutout.is_uniform() && !mesh.corner_uvs.is_empty() {
-                // `weights` are those of corners 2, 0 and 1.
-                let share = [1, 2, 0].map(|i: usize| weights[i][lane]);
-                let sum = share[0] + share[1] + share[2];
-                for (corner, share) in mesh.triangles[index].iter().zip(share) {
-                    let at = mesh.corner_uvs[*corner as usize];
-                    uv[0] += at[0] * share / sum;
-                    uv[1] += at[1] * share / sum;
-                }
-            }
-            if !cutout.is_opaque(uv) {
-                opaque &= !(1 << lane);
-            }
-        }
-        opaque
     }
 }
 

@@ -3,7 +3,7 @@
 
 use super::accel::{Accel, Rays};
 use super::arguments::{CHUNK, Flag, bytes, in_parallel, three, triples};
-use super::bvh::Nearest;
+use super::bvh::Met;
 use super::packet::Packet;
 use crate::geometry::{Data, Geometry, Instance, Mesh};
 use crate::simd::{LANES, dispatch};
@@ -90,8 +90,7 @@ impl<'a> Facet<'a> {
             }
         }
         if let Some(materials) = &mut row.material {
-            let slot = self.mesh.triangle_slots.get(triangle).copied().unwrap_or(0);
-            materials[at] = self.instance.material(slot) as i32;
+            materials[at] = self.instance.material(self.mesh.slot(triangle)) as i32;
         }
         let position = mix(self.points, weights);
         if let Some(positions) = &mut row.position {
@@ -180,9 +179,11 @@ fn unit([x, y, z]: Vec3) -> Vec3 {
 ///
 /// `visible` (instances,) u8 or None; `origins` (N, 3) f64 relative to that eye and `directions` (N, 3) f64; `between`,
 /// the first and the last parameter along a direction that are looked at; depths are metres along `forward`.
-/// Hits are found in float32, as `Accel.nearest` does. Raises ValueError on bad input, Cancelled when `cancel` is set.
+/// Hits are found in float32, as `Accel.nearest` does. `draws` (N, 4) u32, seed, sample, column and row, decides as the
+/// rasteriser does for that sample of that pixel which of what is partly opaque is there; None: by chance. Raises ValueError on bad input, Cancelled when `cancel` is set.
 #[pyfunction]
-#[pyo3(signature = (accel, visible, origins, directions, between, forward, attributes, cancel=None))]
+#[pyo3(signature = (accel, visible, origins, directions, between, forward, attributes, draws=None,
+    cancel=None))]
 pub fn rays_surface<'py>(
     py: Python<'py>,
     accel: PyRef<'py, Accel>,
@@ -192,6 +193,7 @@ pub fn rays_surface<'py>(
     between: (f64, f64),
     forward: [f64; 3],
     attributes: Vec<String>,
+    draws: Option<PyReadonlyArray2<'py, u32>>,
     cancel: Flag<'py>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let scene = accel.scene.as_ref();
@@ -199,6 +201,13 @@ pub fn rays_surface<'py>(
     let count = origins.shape()[0];
     let origins = triples(&origins, count, "origins")?;
     let directions = triples(&directions, count, "directions")?;
+    if draws.as_ref().is_some_and(|draws| draws.shape() != [count, 4]) {
+        return Err(PyValueError::new_err("draws is (N, 4)"));
+    }
+    let draws = match &draws {
+        Some(draws) => Some(draws.as_slice()?.as_chunks::<4>().0),
+        None => None,
+    };
     let mut images = Images::wanted(&attributes, count)?;
     let room = vec![(between.1 - between.0) as f32; CHUNK];
     let cancel = cancel.map(|c| c.clone());
@@ -206,13 +215,14 @@ pub fn rays_surface<'py>(
         let parts = images.parts(count, CHUNK).into_par_iter();
         in_parallel(parts, &cancel, |chunk, mut row| {
             let range = chunk * CHUNK..((chunk + 1) * CHUNK).min(count);
+            let draws = draws.map(|draws| &draws[range.clone()]);
             let (origins, directions) = (&origins[range.clone()], &directions[range]);
             let start = |(&o, &d): (&Vec3, &Vec3)| rounded(add(o, scale(d, between.0)));
             let starts: Vec<[f32; 3]> = origins.iter().zip(directions).map(start).collect();
             let towards: Vec<[f32; 3]> = directions.iter().map(|&d| rounded(d)).collect();
-            let done = &mut |first: usize, _: &Packet, nearest: &Nearest| {
+            let done = &mut |first: usize, _: &Packet, met: &Met| {
                 for ray in first..(first + LANES).min(starts.len()) {
-                    let (instance, triangle) = (nearest.instance[ray - first], nearest.triangle[ray - first]);
+                    let (instance, triangle) = (met.instance[ray - first], met.triangle[ray - first]);
                     if instance == u32::MAX {
                         row.clear(ray..ray + 1);
                         continue;
@@ -230,6 +240,7 @@ pub fn rays_surface<'py>(
                 origins: &starts,
                 directions: &towards,
                 t_max: &room[..starts.len()],
+                draws,
                 done,
             });
         })

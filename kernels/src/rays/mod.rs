@@ -8,6 +8,7 @@
 mod accel;
 mod arguments;
 mod bvh;
+mod clear;
 mod leaves;
 mod look;
 mod packet;

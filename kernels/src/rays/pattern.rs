@@ -4,43 +4,10 @@
 //! copies and turns over random bits of all its samples: that keeps every stratum, since it maps dyadic
 //! intervals to dyadic intervals, and makes each sample uniform, so that estimates are free of bias.
 
+use crate::random::{hash, pcg, scrambled, unit};
 use crate::simd::{LANES, Lanes};
 
 const TABLES: usize = 64;
-
-/// One step of PCG-RXS-M-XS (O'Neill 2014), as a hash.
-#[inline(always)]
-pub fn pcg(input: u32) -> u32 {
-    let state = input.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-    let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
-    (word >> 22) ^ word
-}
-
-#[inline(always)]
-pub fn hash(seed: u64, values: [u32; 2]) -> u32 {
-    let mut state = pcg(seed as u32 ^ pcg((seed >> 32) as u32));
-    for value in values {
-        state = pcg(state ^ value);
-    }
-    state
-}
-
-/// In (0, 1), never an end.
-#[inline(always)]
-pub fn unit(bits: u32) -> f32 {
-    ((bits >> 9) as f32 + 0.5) * (1.0 / (1 << 23) as f32)
-}
-
-/// Owen scrambling of bits in reverse order (Laine and Karras 2011, constants of Vegdahl 2021).
-fn scrambled(reversed: u32, seed: u32) -> u32 {
-    let mut x = reversed;
-    x ^= x.wrapping_mul(0x3d20_adea);
-    x = x.wrapping_add(seed);
-    x = x.wrapping_mul((seed >> 16) | 1);
-    x ^= x.wrapping_mul(0x0552_6c56);
-    x ^= x.wrapping_mul(0x53a2_2864);
-    x
-}
 
 /// Second dimension of Sobol's sequence, bits in reverse order.
 fn sobol(index: u32) -> u32 {

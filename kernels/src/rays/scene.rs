@@ -100,14 +100,20 @@ fn inverted(m: &Matrix) -> Option<Matrix> {
     Some(result)
 }
 
-fn is_cut_out(data: &Data, instance: &Instance) -> bool {
-    let clips = |&m: &u32| data.cutouts[m as usize].threshold > 0.0;
-    instance.slot_materials.iter().any(clips)
+/// Whether something may get through triangles of an instance, by material slot.
+fn clear_slots(data: &Data, instance: &Instance) -> Vec<bool> {
+    let is_clear = |&m: &u32| !data.materials[m as usize].is_whole();
+    instance.slot_materials.iter().map(is_clear).collect()
 }
 
-/// Triangles of instances: index, matrix relative to the origin, whether it clips by alpha.
-fn flattened_triangles(data: &Data, parts: &[(usize, Matrix, bool)]) -> Vec<Triangle> {
-    let of_part = |&(index, matrix, cutout): &(usize, Matrix, bool)| {
+fn is_clear(mesh: &Mesh, slots: &[bool], triangle: usize) -> bool {
+    slots[(mesh.slot(triangle) as usize).min(slots.len() - 1)]
+}
+
+/// Triangles of instances: index, and matrix relative to the origin.
+fn flattened_triangles(data: &Data, parts: &[(usize, Matrix)]) -> Vec<Triangle> {
+    let of_part = |&(index, matrix): &(usize, Matrix)| {
+        let slots = clear_slots(data, &data.instances[index]);
         let mesh = &data.meshes[data.instances[index].mesh];
         let place = move |p: &[f32; 3]| apply(&matrix, p.map(f64::from));
         let points = mesh.positions.par_iter().with_min_len(WORTH_A_THREAD).map(place);
@@ -117,7 +123,7 @@ fn flattened_triangles(data: &Data, parts: &[(usize, Matrix, bool)]) -> Vec<Tria
             .with_min_len(WORTH_A_THREAD)
             .filter_map(move |t| {
                 let corners = mesh.triangles[t].map(|c| points[mesh.corner_vertices[c as usize] as usize]);
-                Triangle::new(corners, index as u32, t as u32, cutout)
+                Triangle::new(corners, index as u32, t as u32, is_clear(mesh, &slots, t))
             })
     };
     parts.par_iter().flat_map(of_part).collect()
@@ -157,14 +163,13 @@ impl Scene {
             };
             let mesh = &data.meshes[instance.mesh];
             if flattened[instance.mesh] {
-                let cutout = is_cut_out(&data, instance);
-                parts.push((index, matrix, cutout));
+                parts.push((index, matrix));
                 continue;
             }
             let (tree, centre) = *tree_of_mesh[instance.mesh].get_or_insert_with(|| {
-                let mut users = data.instances.iter().filter(|other| other.mesh == instance.mesh);
-                let clips = users.any(|other| is_cut_out(&data, other));
-                let (tree, centre) = build_tree(mesh, clips);
+                let users = data.instances.iter().filter(|other| other.mesh == instance.mesh);
+                let slots: Vec<Vec<bool>> = users.map(|other| clear_slots(&data, other)).collect();
+                let (tree, centre) = build_tree(mesh, &slots);
                 trees.push(tree);
                 (trees.len() - 1, centre)
             });
@@ -220,8 +225,9 @@ impl Scene {
     }
 }
 
-/// The mesh's own tree, relative to the centre of its bounds, so that float32 holds it best.
-fn build_tree(mesh: &Mesh, cutout: bool) -> (Triangles, [f64; 3]) {
+/// The mesh's own tree, relative to the centre of its bounds, so that float32 holds it best. `slots`: of each instance
+/// that shows it, what something may get through.
+fn build_tree(mesh: &Mesh, slots: &[Vec<bool>]) -> (Triangles, [f64; 3]) {
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for triangle in 0..mesh.triangles.len() {
         for corner in mesh.triangle_positions(triangle) {
@@ -242,7 +248,8 @@ fn build_tree(mesh: &Mesh, cutout: bool) -> (Triangles, [f64; 3]) {
             let corners = mesh
                 .triangle_positions(t)
                 .map(|c| [0, 1, 2].map(|axis| f64::from(c[axis]) - centre[axis]));
-            Triangle::new(corners, u32::MAX, t as u32, cutout)
+            let is_clear = slots.iter().any(|slots| is_clear(mesh, slots, t));
+            Triangle::new(corners, u32::MAX, t as u32, is_clear)
         })
         .collect();
     (Triangles::build(&triangles), centre)

@@ -14,8 +14,8 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Whether the points of an image see a place, (h, w) f32, 1 or 0: one ray each, and none where the answer does not
-/// matter, that is 1 where `shading_normal` looks away from it; 0 where `geometric_normal` does.
+/// How much the points of an image see of a place, (h, w) f32, 1 or 0 or what gets through between: one ray each, and
+/// none where the answer does not matter, that is 1 where `shading_normal` looks away from it; 0 where `geometric_normal` does.
 ///
 /// `place` (3,) f64 metres, relative to the eye that `accel` is relative to, or a unit direction if it `is_distant`;
 /// `position`, `geometric_normal` and `shading_normal` (h, w, 3) f32, a normal is 0 where nothing is; `casters`
@@ -77,9 +77,10 @@ pub fn rays_towards<'py>(
                 origins: &origins,
                 directions: &directions,
                 t_max: &t_max,
-                done: &mut |first, packet, _| {
+                draws: None,
+                done: &mut |first, packet, met| {
                     for (lane, &pixel) in pixels[first..].iter().take(LANES).enumerate() {
-                        result[pixel] = f32::from(packet.hit >> lane & 1 == 0);
+                        result[pixel] = met.share(packet, lane);
                     }
                 },
             });

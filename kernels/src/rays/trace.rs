@@ -1,6 +1,6 @@
 //! A packet's way through a scene.
 
-use super::bvh::{Nearest, Stack};
+use super::bvh::{Met, Stack};
 use super::leaves::{InInstances, InTriangles};
 use super::packet::Packet;
 use super::scene::Scene;
@@ -14,8 +14,9 @@ pub struct Scratch {
 }
 
 impl Scene {
-    /// Traces a prepared packet: rays that meet something are marked in `packet.hit`, or with `NEAREST` end at
-    /// their nearest hit, which is written to `nearest`. `casters` as in [`Scene::build`].
+    /// Traces a prepared packet: rays that something stops are marked in `packet.hit`, and of the others `met` says what
+    /// gets through; or with `NEAREST` they end at their nearest hit, which is written to `met`. `casters` as in
+    /// [`Scene::build`].
     #[inline(always)]
     pub fn trace<V: Vector, const NEAREST: bool>(
         &self,
@@ -23,12 +24,12 @@ impl Scene {
         casters: &[u8],
         packet: &mut Packet,
         scratch: &mut Scratch,
-        nearest: &mut Nearest,
+        met: &mut Met,
     ) {
         if packet.shared {
-            self.walk::<V, true, NEAREST>(vector, casters, packet, scratch, nearest);
+            self.walk::<V, true, NEAREST>(vector, casters, packet, scratch, met);
         } else {
-            self.walk::<V, false, NEAREST>(vector, casters, packet, scratch, nearest);
+            self.walk::<V, false, NEAREST>(vector, casters, packet, scratch, met);
         }
     }
 
@@ -39,7 +40,7 @@ impl Scene {
         casters: &[u8],
         packet: &mut Packet,
         scratch: &mut Scratch,
-        nearest: &mut Nearest,
+        met: &mut Met,
     ) {
         let Scratch { outer, inner } = scratch;
         let rays = packet.set;
@@ -48,7 +49,7 @@ impl Scene {
             blocks: &self.flat.blocks,
             instance: None,
             casters,
-            nearest,
+            met,
         };
         self.flat
             .bvh
@@ -58,7 +59,7 @@ impl Scene {
             let mut placed = InInstances::<SHARED, NEAREST> {
                 scene: self,
                 casters,
-                nearest,
+                met,
                 stack: inner,
             };
             self.top

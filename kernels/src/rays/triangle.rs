@@ -27,13 +27,13 @@ pub struct Triangle {
     normal: [f32; 3],
     pub instance: u32,
     pub triangle: u32,
-    /// Whether its material clips by alpha.
-    pub cutout: bool,
+    /// Whether something may get through it.
+    pub is_clear: bool,
 }
 
 impl Triangle {
     /// None if it has no area or reaches beyond what float32 products hold.
-    pub fn new(corners: [[f64; 3]; 3], instance: u32, triangle: u32, cutout: bool) -> Option<Self> {
+    pub fn new(corners: [[f64; 3]; 3], instance: u32, triangle: u32, is_clear: bool) -> Option<Self> {
         const FARTHEST: f64 = 1e12; // metres
         const SMALLEST: f64 = 1e-30; // square metres
         let rounded = corners.map(|c| c.map(|x| x as f32));
@@ -53,7 +53,7 @@ impl Triangle {
             normal: n.map(|x| (x / length) as f32),
             instance,
             triangle,
-            cutout,
+            is_clear,
         })
     }
 }
@@ -66,8 +66,8 @@ pub struct Block {
     longest_edge: Lanes,
     pub instances: [u32; LANES],
     pub triangles: [u32; LANES],
-    /// Lanes whose material clips by alpha.
-    pub cutouts: u32,
+    /// Lanes that something may get through.
+    pub clear: u32,
     /// The instance of all of them, if it is one.
     pub instance: Option<u32>,
 }
@@ -80,7 +80,7 @@ impl Block {
             longest_edge: [0.0; LANES],
             instances: [0; LANES],
             triangles: [0; LANES],
-            cutouts: 0,
+            clear: 0,
             instance: None,
         };
         let count = triangles.len();
@@ -97,7 +97,7 @@ impl Block {
             }
             block.instances[lane] = triangle.instance;
             block.triangles[lane] = triangle.triangle;
-            block.cutouts |= u32::from(triangle.cutout) << lane;
+            block.clear |= u32::from(triangle.is_clear) << lane;
         }
         let first = block.instances[0];
         block.instance = block.instances[..count]

@@ -1,11 +1,12 @@
 //! Visibility of lights by casting rays: what every faster method is compared with, and what it falls back to.
 
-use super::bvh::Nearest;
+use super::bvh::Met;
 use super::packet::{Packet, lanes_of};
-use super::pattern::{Pattern, hash, pcg, unit};
+use super::pattern::Pattern;
 use super::scene::Scene;
 use super::trace::Scratch;
 use crate::emitter::{Emitter, Samples};
+use crate::random::{hash, pcg, unit};
 use crate::simd::{LANES, Lanes, Simd, Vector, Work};
 
 /// Shading points are lifted along their geometric normal by this share of their distance to the eye (76
@@ -67,12 +68,10 @@ impl Pending {
     fn flush<V: Vector>(&mut self, vector: V, query: &Query, scratch: &mut Scratch, arrived: &mut [f32]) {
         if self.used > 0 {
             self.packet.prepare();
-            let scene = query.scene;
-            scene.trace::<_, false>(vector, query.casters, &mut self.packet, scratch, &mut {
-                Nearest::NONE
-            });
+            let (scene, mut met) = (query.scene, Met::NONE);
+            scene.trace::<_, false>(vector, query.casters, &mut self.packet, scratch, &mut met);
             for lane in lanes_of(self.packet.set & !self.packet.hit) {
-                arrived[self.point[lane]] += self.weight[lane];
+                arrived[self.point[lane]] += self.weight[lane] * met.through[lane];
             }
         }
         self.packet = Packet::EMPTY;
@@ -179,12 +178,10 @@ impl Work for Visibility<'_, '_> {
                 if count > FEW {
                     let mut packet =
                         Packet::of_one_origin(lit.origin, samples.direction, samples.distance, rays);
-                    let (casters, none) = (query.casters, &mut { Nearest::NONE });
-                    query
-                        .scene
-                        .trace::<_, false>(vector, casters, &mut packet, &mut scratch, none);
+                    let (scene, mut met) = (query.scene, Met::NONE);
+                    scene.trace::<_, false>(vector, query.casters, &mut packet, &mut scratch, &mut met);
                     for lane in lanes_of(rays & !packet.hit) {
-                        arrived[lane] += samples.weight[lane];
+                        arrived[lane] += samples.weight[lane] * met.through[lane];
                     }
                     continue;
                 }
@@ -217,7 +214,8 @@ impl Work for Visibility<'_, '_> {
     }
 }
 
-/// Two independent estimates of each point's visibility by one ray each, 0 or 1.
+/// Two independent estimates of each point's visibility by one ray each, 0 or 1; where a share gets through, 1 is as
+/// likely as that.
 pub struct Screen<'a, 'b> {
     pub query: &'a Query<'a>,
     pub points: Points<'a>,
@@ -296,7 +294,10 @@ impl Work for Screen<'_, '_> {
         }
         pending.flush(vector, query, &mut scratch, &mut arrived);
         for (index, estimate) in estimates.iter_mut().enumerate() {
-            *estimate = [0, 1].map(|i| u8::from(arrived[2 * index + i] > 0.0));
+            *estimate = [0, 1].map(|i| {
+                let chance = unit(hash(query.seed, [points.number(index), 3 + i as u32]));
+                u8::from(arrived[2 * index + i] > chance)
+            });
         }
     }
 }

@@ -30,8 +30,8 @@ class Rays:
         self.origin = np.array(origin, np.float64)
         self.accel = kernels.Accel(geometry, self.origin)
 
-    def occluded(self, casters, origins, directions, t_max):
-        return self.accel.occluded(casters, origins, directions, t_max)
+    def transmittance(self, casters, origins, directions, t_max):
+        return self.accel.transmittance(casters, origins, directions, t_max)
 
 
 def on_the_ground(count, seed, shading=None):

@@ -71,12 +71,13 @@ def is_hit(geometry: kernels.Geometry, points: np.ndarray, view: View) -> np.nda
     flat = np.zeros_like(across)
     origins, directions = (across, flat + forward) if view.orthographic else (flat, across + forward)
     tree = kernels.Accel(geometry, np.array(view.eye, np.float64))
-    return tree.occluded(
+    through = tree.transmittance(
         None,
         np.ascontiguousarray(origins, np.float32),
         np.ascontiguousarray(directions, np.float32),
         np.full(len(points), np.inf, np.float32),
-    ).astype(bool)
+    )
+    return through == 0.0
 
 
 def geometry_of_hull(corners: np.ndarray, view: View) -> kernels.Geometry:

@@ -46,7 +46,7 @@ def square_geometry(squares) -> strata_kernels.Geometry:
     positions = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
     mesh = np.arange(4, dtype=np.int32), np.array([0, 4], np.int32)
     geometry.add_mesh(positions, *mesh, None, None, None)
-    geometry.add_material(0.0, 1.0, None)
+    geometry.add_material()
     for number, (x, y, z, half) in enumerate(squares):
         matrix = np.diag([half, half, 1.0, 1.0])
         matrix[:3, 3] = x, y, z

@@ -77,9 +77,8 @@ pub fn hull(
     builder.triangles
 }
 
-/// Which triangles have no line: those that alpha clip leaves out, in part or whole.
-pub fn clipped(data: &Data, instance: &Instance, mesh: &Mesh, triangle: usize) -> bool {
-    let slot = mesh.triangle_slots.get(triangle).copied().unwrap_or(0);
-    let cutout = &data.cutouts[instance.material(slot) as usize];
-    !cutout.is_uniform() || !cutout.is_opaque([0.0; 2])
+/// Which triangles have no line: those that something is seen through, in part or whole.
+pub fn is_clear(data: &Data, instance: &Instance, triangle: usize) -> bool {
+    let seen = &data.material(instance, triangle).seen;
+    seen.iter().any(|opacity| opacity.uniform() != Some(1.0))
 }

@@ -1,6 +1,6 @@
 //! Hulls of a scene's instances, from Python.
 
-use super::grown::{clipped, hull};
+use super::grown::{hull, is_clear};
 use super::line::{Eye, Width};
 use crate::cancel::CancelFlag;
 use crate::geometry::Geometry;
@@ -15,8 +15,8 @@ use std::collections::HashMap;
 /// instance, three rows a triangle, relative to the eye; only triangles that face away, by the surface's own
 /// orientation. `pixel` is a pixel's side in window units, `width` in metres or, with `in_pixels`, in pixels; between
 /// `least` and `most` pixels. `scales` (instances,) f64 multiply it, and so does `thickness` of a mesh's vertices, where
-/// it is given: (mesh, (V,) f32). Triangles with an alpha clip have no hull. Raises ValueError on bad input, Cancelled
-/// when `cancel` is set.
+/// it is given: (mesh, (V,) f32). Triangles that are not wholly opaque to cameras have no hull. Raises ValueError on
+/// bad input, Cancelled when `cancel` is set.
 #[pyfunction]
 #[pyo3(signature = (geometry, instances, view, pixel, width, in_pixels, least, most, scales, thickness=Vec::new(), cancel=None))]
 pub fn toon_hull<'py>(
@@ -85,7 +85,7 @@ pub fn toon_hull<'py>(
                     least,
                     most,
                 };
-                let skipped = |triangle: usize| clipped(&data, instance, mesh, triangle);
+                let skipped = |triangle: usize| is_clear(&data, instance, triangle);
                 let values = thickness.get(&instance.mesh).map(Vec::as_slice);
                 Ok(hull(
                     mesh,
