@@ -103,7 +103,7 @@ class Session:
             outline = replace(outline, version=self.outline.version, instances=self.outline.instances)
         self._feed(outline, arrays)
         # Blender's own data is not to be kept, and not needed: what it is made of is in `arrays`.
-        self._keep(replace(found, outline=outline, mesh_sources=(), image_sources=(), corner_sources={}))
+        self._keep(replace(found.without_sources(), outline=outline))
 
     def _feed(self, outline: Outline, arrays: Arrays) -> None:
         self._arrays = arrays

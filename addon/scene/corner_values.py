@@ -20,7 +20,7 @@ def corner_opacity(
         return None
     found = np.ones(len(mesh.corner_vertices), np.float32)
     of_corner = corner_slots(mesh, len(values))
-    corners = _Corners(source, mesh)
+    corners = Corners(source, mesh)
     for key in sorted({value.key for value in values if value is not None}):
         slots = [slot for slot, value in enumerate(values) if value is not None and value.key == key]
         numbers = np.broadcast_to(values[slots[0]].at(corners), found.shape)
@@ -39,7 +39,7 @@ def corner_slots(mesh: MeshArrays, count: int) -> np.ndarray:
     return np.repeat(np.clip(mesh.face_slots, 0, count - 1), np.diff(mesh.face_starts))
 
 
-class _Corners:
+class Corners:
     """Where expressions over attributes are evaluated."""
 
     def __init__(self, source: bpy.types.Mesh, mesh: MeshArrays):

@@ -11,7 +11,9 @@ import numpy as np
 from ..core.arrays import OPAQUE, Arrays, MeshArrays, Opacities, OpacityArrays
 from ..core.outline import Material, Opacity, Outline
 from .corner_values import corner_opacity, moved_uvs, placed_uvs
+from .displacement import displaced
 from .made_mesh import MadeMesh
+from .mesh_arrays import mesh_arrays, no_faces
 from .nodes.pictures import Placement
 from .pixels import pixels_of
 from .scan import Scan
@@ -39,10 +41,10 @@ def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[in
     read = range(len(outline.instances)) if instances is None else instances
     shown = {outline.instances[index].mesh for index in read}
     meshes = tuple(
-        _mesh_arrays(source, CORNER_NORMALS in wants, index in textured, owners[index], warnings)
+        _arrays_of(scan, index, CORNER_NORMALS in wants, index in textured, owners[index], warnings)
         if index in shown
-        else _no_faces()
-        for index, source in enumerate(scan.mesh_sources)
+        else no_faces()
+        for index in range(len(scan.mesh_sources))
     )
     slots = _slots(outline)
     meshes = tuple(
@@ -69,6 +71,18 @@ def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[in
     return Arrays(meshes, matrices, _opacities(outline, textures), textures, tuple(warnings))
 
 
+def _arrays_of(
+    scan: Scan, index: int, want_normals: bool, want_uv: bool, owner: str, warnings: list[str]
+) -> MeshArrays:
+    """UVs only of what Strata makes; else see `placed_uvs`."""
+    source = scan.mesh_sources[index]
+    if not isinstance(source, bpy.types.Mesh):
+        return source.arrays(want_normals, want_uv)
+    mesh = mesh_arrays(source, want_normals, owner, warnings)
+    by_slot = scan.displacements.get(index)
+    return mesh if by_slot is None else displaced(mesh, source, by_slot, owner, warnings)
+
+
 def _values(mesh: bpy.types.Mesh | MadeMesh, owner: str, names: list[str]) -> dict[str, np.ndarray]:
     if not isinstance(mesh, bpy.types.Mesh):
         return {}
@@ -87,70 +101,6 @@ def _owners(outline: Outline) -> list[str]:
 def _textured_meshes(outline: Outline, wants: Collection[str]) -> frozenset[int]:
     sampling = {index for index, material in enumerate(outline.materials) if _images_of(material, wants)}
     return frozenset(i.mesh for i in outline.instances if not sampling.isdisjoint(i.materials))
-
-
-def _sums_up(values: np.ndarray) -> bool:
-    """One pass over the numbers; only a suspicious sum is to be looked at closer."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return bool(np.isfinite(np.dot(values.ravel(), values.ravel())))
-
-
-def _mesh_arrays(
-    mesh: bpy.types.Mesh | MadeMesh, want_normals: bool, want_uv: bool, owner: str, warnings: list[str]
-) -> MeshArrays:
-    """Corners are read by `attributes[...]`: `loops` goes element by element, a hundred times as long. UVs
-    only of what Strata makes; else see `placed_uvs`."""
-    if not isinstance(mesh, bpy.types.Mesh):
-        return mesh.arrays(want_normals, want_uv)
-    corner_count = len(mesh.loops)
-    positions = _read(mesh.attributes["position"].data, "vector", np.float32, len(mesh.vertices), 3)
-    if not _sums_up(positions):
-        bad = ~np.isfinite(positions).all(axis=1)
-        if bad.all():
-            warnings.append(f"object '{owner}' is left out: none of its vertices is finite")
-            return _no_faces()
-        if bad.any():
-            count = f"{int(bad.sum())} of {len(bad)}"
-            warnings.append(f"object '{owner}': faces are left out, {count} vertices are not finite")
-    corner_vertices = _read(mesh.attributes[".corner_vert"].data, "value", np.int32, corner_count)
-    normals = None
-    if want_normals and mesh.normals_domain != "FACE":
-        normals = _corner_normals(mesh, corner_count)
-    slots = mesh.attributes.get("material_index")
-    if slots is not None and (slots.domain != "FACE" or slots.data_type != "INT"):
-        slots = None
-    face_slots = None if slots is None else _read(slots.data, "value", np.int32, len(mesh.polygons))
-    return MeshArrays(positions, corner_vertices, _face_starts(mesh), normals, None, face_slots)
-
-
-def _read(elements, name: str, dtype, count: int, width: int | None = None) -> np.ndarray:
-    flat = np.empty(count * (width or 1), dtype)
-    elements.foreach_get(name, flat)
-    return flat if width is None else flat.reshape(count, width)
-
-
-def _face_starts(mesh: bpy.types.Mesh) -> np.ndarray:
-    """(F + 1,) i32. Blender keeps this very array, but shows it face by face only."""
-    face_count, corner_count = len(mesh.polygons), len(mesh.loops)
-    # No face has fewer than three corners, so this many corners means triangles throughout.
-    if corner_count == 3 * face_count:
-        return np.arange(0, corner_count + 1, 3, dtype=np.int32)
-    starts = np.empty(face_count + 1, np.int32)
-    mesh.polygons.foreach_get("loop_start", starts[:-1])
-    starts[-1] = corner_count
-    return starts
-
-
-def _corner_normals(mesh: bpy.types.Mesh, corner_count: int) -> np.ndarray:
-    """(C, 3) f32. Normals that are not finite, at a broken corner, become zero: no normal."""
-    normals = _read(mesh.corner_normals, "vector", np.float32, corner_count, 3)
-    if not _sums_up(normals):
-        np.nan_to_num(normals, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-    return normals
-
-
-def _no_faces() -> MeshArrays:
-    return MeshArrays(np.zeros((0, 3), np.float32), np.zeros(0, np.int32), np.zeros(1, np.int32))
 
 
 def _textures(scan: Scan, wants: Collection[str], warnings: list[str]) -> dict[int, np.ndarray]:

@@ -130,6 +130,8 @@ def _with_places(scan: Scan, outline: Outline, moved: Iterable[int], objects, de
         if thing.is_instancer or thing.children:
             return None  # what it carries along is not told of one by one
         index = scan.instance_owners.index(uid)
+        if instances[index].mesh in scan.own_boxes:
+            return None
         evaluated = thing.evaluated_get(depsgraph)
         matrix = matrix_of(evaluated.matrix_world)
         if not are_usable(matrix[None])[0]:

@@ -11,12 +11,12 @@ import bpy
 import numpy as np
 
 from ..core.errors import StrataError
-from ..core.outline import Bounds, Instance, Material, Mesh, Outline
+from ..core.outline import Bounds, Instance, Material, Outline
 from ..core.shot import Camera, Raster, Shot
 from .cameras import camera_of, camera_warnings, frame_size_of, pixel_filter_of, region_of
-from .displacement import displacing_node
+from .displacement import BySlot, displacement_of
 from .edit_mode import edited_mesh, is_edited, sculpted_modifiers, unseen_modifiers
-from .hair import curves_mesh, hair_systems, is_splats, particle_hair_mesh, points_mesh
+from .hair import hair_systems
 from .made_mesh import MadeMesh
 from .materials import Images, default_material, material_of
 from .missing import Missing, missing_parts, named
@@ -25,6 +25,7 @@ from .nodes.values import Value
 from .own_settings import own_settings_of
 from .render_depsgraph import engine_of
 from .scanned_lamps import ScannedLamps
+from .scanned_meshes import Data, ScannedMeshes
 from .simulations import unbaked_simulations
 from .stamp import stamp_of
 from .transforms import are_usable
@@ -39,10 +40,6 @@ _NOT_READ = {
     "VOLUME": ("volumes are not read, what it takes of light and adds is missing", True),
     "GREASEPENCIL": ("grease pencil is not read, Blender draws it over the picture", False),
 }
-
-
-Data = bpy.types.Mesh | bpy.types.Curves | bpy.types.PointCloud | bpy.types.ParticleSystemModifier
-"""What an object shows a shape of: its data, or its hair."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +65,9 @@ class Scan:
     """The outline, the shot of its camera, and Blender's data behind its meshes and images: to be extracted
     from before the depsgraph changes, and not to be kept. `mesh_owners` are session ids of the objects that
     make the meshes; by the outline's indices, `instance_owners` and `light_owners` are those of objects that
-    stand for themselves, 0 for what an instancer makes. `corner_sources`: what opacities' `corners` name."""
+    stand for themselves, 0 for what an instancer makes. `corner_sources`: what opacities' `corners` name;
+    `displacements` are by mesh, of those that have any; `own_boxes`: the meshes whose box is not that of
+    their object."""
 
     outline: Outline
     shot: Shot
@@ -78,6 +77,12 @@ class Scan:
     instance_owners: tuple[int, ...] = ()
     light_owners: tuple[int, ...] = ()
     corner_sources: dict[str, Value] = field(default_factory=dict)
+    displacements: dict[int, BySlot] = field(default_factory=dict)
+    own_boxes: frozenset[int] = frozenset()
+
+    def without_sources(self) -> Scan:
+        """Without Blender's own data, and what leads to it."""
+        return replace(self, mesh_sources=(), image_sources=(), corner_sources={}, displacements={})
 
 
 def scan(depsgraph: bpy.types.Depsgraph, options: ScanOptions = ScanOptions()) -> Scan:
@@ -115,13 +120,8 @@ class _Scanner:
     images: Images = field(default_factory=Images)
     materials: list[Material] = field(default_factory=list)
     material_indices: dict[int, int] = field(default_factory=dict)
-    meshes: list[Mesh] = field(default_factory=list)
-    mesh_sources: list[bpy.types.Mesh | MadeMesh] = field(default_factory=list)
-    mesh_owners: list[int] = field(default_factory=list)
+    meshes: ScannedMeshes = field(default_factory=ScannedMeshes)
     instance_owners: list[int] = field(default_factory=list)
-    mesh_bounds: list[np.ndarray] = field(default_factory=list)
-    mesh_indices: dict[int, int | None] = field(default_factory=dict)
-    mesh_keys: dict[str, int] = field(default_factory=dict)
     appearances: dict[tuple, dict | None] = field(default_factory=dict)
     instances: list[dict] = field(default_factory=list)
     matrices: list[tuple[float, ...]] = field(default_factory=list)
@@ -130,7 +130,8 @@ class _Scanner:
     lamps: ScannedLamps = field(default_factory=ScannedLamps)
     shown: dict[int, bool] = field(default_factory=dict)
     edited_meshes: dict[int, bpy.types.Mesh] = field(default_factory=dict)
-    displacing: dict[int, tuple[str, str]] = field(default_factory=dict)
+    displacements: dict[int, Value] = field(default_factory=dict)
+    unread_displacements: dict[int, tuple[str, str]] = field(default_factory=dict)
     catchers: set[str] = field(default_factory=set)
     warnings: dict[str, bool] = field(default_factory=dict)
 
@@ -171,7 +172,7 @@ class _Scanner:
             frame=scene.frame_current,
             lights=self.lamps.linked(self.objects),
             instances=instances,
-            meshes=tuple(self.meshes),
+            meshes=tuple(self.meshes.headers),
             materials=tuple(self.materials),
             images=tuple(self.images.headers),
             warnings=tuple(self.warnings),
@@ -187,12 +188,14 @@ class _Scanner:
         return Scan(
             outline,
             shot,
-            tuple(self.mesh_sources),
+            tuple(self.meshes.sources),
             tuple(self.images.sources),
-            tuple(self.mesh_owners),
+            tuple(self.meshes.owners),
             tuple(self.instance_owners),
             tuple(self.lamps.owners),
             self.images.corners,
+            self.meshes.displacements,
+            self.meshes.own_boxes,
         )
 
     @property
@@ -212,11 +215,12 @@ class _Scanner:
 
     def _assumed(self) -> Iterator[Missing]:
         """Of what is read in part: with its objects, and what is taken in place of the rest."""
-        for index, (material, node) in self.displacing.items():
+        for index, (material, unread) in self.unread_displacements.items():
             objects = named((each["name"] for each in self.instances if index in each["materials"]), "object")
             if objects:
-                line = f"material '{material}' of {objects}: displacement by node '{node}' is not read"
+                line = f"material '{material}' of {objects}: displacement by {unread} is not read"
                 yield Missing(f"{line}, shapes and shadows are taken without it", True)
+        yield from self.meshes.told
         shown = [each for each in self.instances if each["visible_camera"]]
         if objects := named((each["name"] for each in shown if each["is_holdout"]), "holdout object"):
             yield Missing(f"{objects}: layers show what is behind, where Cycles leaves a hole")
@@ -242,11 +246,8 @@ class _Scanner:
         # All that instances have in common but the matrix; scenes with many have few different ones.
         key = (original.session_uid, owner.original.session_uid, data.as_pointer())
         if key not in self.appearances:
-            index = self._mesh_index(shown, data)
-            has_faces = index is not None
-            self.appearances[key] = (
-                self._appearance(instance, shown, owner, data, index) if has_faces else None
-            )
+            has_faces = not isinstance(data, bpy.types.Mesh) or len(data.polygons) > 0
+            self.appearances[key] = self._appearance(instance, shown, owner, data) if has_faces else None
         appearance = self.appearances[key]
         if appearance is not None:
             matrix = instance.matrix_world
@@ -273,8 +274,8 @@ class _Scanner:
         return self.edited_meshes[original.session_uid]
 
     def _appearance(
-        self, instance, shown: bpy.types.Object, owner: bpy.types.Object, data: Data, mesh: int
-    ) -> dict:
+        self, instance, shown: bpy.types.Object, owner: bpy.types.Object, data: Data
+    ) -> dict | None:
         view_layer = self.depsgraph.view_layer_eval
         indirect_only = owner.indirect_only_get(view_layer=view_layer)
         if isinstance(data, bpy.types.Modifier):  # hair has the one of its emitter's that it says
@@ -282,6 +283,10 @@ class _Scanner:
             slots = (slots[min(data.particle_system.settings.material, len(slots)) - 1],)
         else:
             slots = self._slot_materials(instance, shown, data)
+        by_slot = tuple(self.displacements.get(slot) for slot in slots)
+        mesh = self.meshes.index(self.depsgraph, shown, data, by_slot)
+        if mesh is None:
+            return None
         materials = [self.materials[slot] for slot in slots]
         is_surface = any(material.has_surface for material in materials)
         if shown.is_shadow_catcher or owner.is_shadow_catcher:
@@ -302,46 +307,6 @@ class _Scanner:
             or (is_surface and all(material.is_holdout for material in materials)),
             "own_settings": own_settings_of(shown, "Object"),
         }
-
-    def _mesh_index(self, shown: bpy.types.Object, data: Data) -> int | None:
-        """None where it has no faces."""
-        pointer = data.as_pointer()
-        if pointer not in self.mesh_indices:
-            source = self._mesh_source(shown, data)
-            self.mesh_indices[pointer] = None if source is None else self._add_mesh(shown, data, source)
-        return self.mesh_indices[pointer]
-
-    def _mesh_source(self, shown: bpy.types.Object, data: Data) -> bpy.types.Mesh | MadeMesh | None:
-        scene = self.depsgraph.scene_eval
-        if isinstance(data, bpy.types.Mesh):
-            return data if len(data.polygons) else None
-        if isinstance(data, bpy.types.Curves):
-            return curves_mesh(data, scene)
-        if isinstance(data, bpy.types.PointCloud):
-            if is_splats(data):
-                line = f"object '{shown.name}': Gaussian splats are not read, they count as spheres"
-                self._warn(line, of_unknown_extent=True)
-            return points_mesh(data)
-        return particle_hair_mesh(shown, data, scene, self.is_render)
-
-    def _add_mesh(self, shown: bpy.types.Object, data: Data, source: bpy.types.Mesh | MadeMesh) -> int:
-        # The same from one evaluation to the next, unlike pointers.
-        name = f"{shown.original.name_full}/{getattr(data, 'name_full', source.name)}"
-        count = self.mesh_keys[name] = self.mesh_keys.get(name, 0) + 1
-        if isinstance(source, bpy.types.Mesh):
-            triangles = len(source.loops) - 2 * len(source.polygons)
-            vertices = len(source.vertices)
-            box = np.array([corner[:] for corner in shown.bound_box], np.float64)
-            if not np.isfinite(box).all():
-                box = _finite_positions(source)
-            box = np.array([box.min(axis=0), box.max(axis=0)])
-        else:
-            vertices, triangles, box = source.vertices, source.triangles, source.box
-        self.meshes.append(Mesh(source.name, f"{name}#{count}", vertices, triangles))
-        self.mesh_sources.append(source)
-        self.mesh_owners.append(shown.original.session_uid)
-        self.mesh_bounds.append(box)
-        return len(self.meshes) - 1
 
     def _slot_materials(self, instance, shown: bpy.types.Object, data: bpy.types.ID) -> tuple[int, ...]:
         """The mesh's, overridden by those that the object itself fills (BKE_object_material_get_eval); the
@@ -372,8 +337,12 @@ class _Scanner:
             self.materials.append(replace(read, own_settings=own_settings_of(material, "Material")))
             for warning in warnings:
                 self._warn(warning)
-            if material is not None and (node := displacing_node(material)) is not None:
-                self.displacing[index] = material.name_full, node
+            if material is not None:
+                moved, unread = displacement_of(material)
+                if moved is not None:
+                    self.displacements[index] = moved
+                if unread:
+                    self.unread_displacements[index] = material.name_full, unread
         return index
 
     def _finished_instances(self) -> tuple[Instance, ...]:
@@ -388,7 +357,7 @@ class _Scanner:
         appearances = [self.instances[index] for index in kept]
         self.objects = [self.objects[index] for index in kept]
         self.instance_owners = [self.instance_owners[index] for index in kept]
-        boxes = np.array(self.mesh_bounds).reshape(-1, 2, 3)[
+        boxes = np.array(self.meshes.boxes).reshape(-1, 2, 3)[
             [appearance["mesh"] for appearance in appearances]
         ]
         # The box of a transformed box (Arvo, Graphics Gems 1990).
@@ -399,11 +368,3 @@ class _Scanner:
             Instance(matrix=tuple(map(tuple, rows)), bounds=Bounds(tuple(low), tuple(high)), **appearance)
             for appearance, rows, low, high in zip(appearances, matrices.tolist(), lows, highs, strict=True)
         )
-
-
-def _finite_positions(mesh: bpy.types.Mesh) -> np.ndarray:
-    """(V, 3) float64, only the finite vertices; one at the origin where there is none."""
-    positions = np.empty((len(mesh.vertices), 3), np.float32)
-    mesh.attributes["position"].data.foreach_get("vector", positions.ravel())
-    finite = positions[np.isfinite(positions).all(axis=1)].astype(np.float64)
-    return finite if len(finite) else np.zeros((1, 3))

@@ -110,9 +110,7 @@ class ScenePlan:
                     seconds=None if self._scan else MOST_SECONDS,
                 )
                 # Blender's own data is not to be kept.
-                self._scan = replace(
-                    scan(depsgraph, how), mesh_sources=(), image_sources=(), corner_sources={}
-                )
+                self._scan = scan(depsgraph, how).without_sources()
                 outline = self._scan.outline
         except BaseException:
             self.changes.all = True

@@ -32,6 +32,9 @@ and whether it is a holdout.
   where Cycles has them.
 - **What hangs on attributes** is evaluated at the corners of faces, for opacity. A product of the two is kept
   as two factors.
+- **Displacement**, but for bumps, moves the vertices that a mesh has along their normals: by a Displacement
+  node in object space, whose height, midlevel and scale may hang on all of this. Adaptive subdivision is not
+  read, nor are Vector Displacement and a node's own Normal.
 - **What is not read** is told of, with the node's name and what is assumed: it counts as opaque, and the
   viewport colour stands for the base colour. Only what the answer hangs on counts: a factor that mixes two
   opaque shaders leaves the opacity known.

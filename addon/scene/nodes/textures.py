@@ -175,14 +175,14 @@ def _rotation(euler: np.ndarray) -> np.ndarray:
 
 
 @value_of("ShaderNodeVertexColor", how="Color and Alpha of any colour attribute",
-          instead="read for opacity only, at the corners of faces")  # fmt: skip
+          instead="read for opacity and displacement only, at corners")  # fmt: skip
 def _color_attribute(at: At, output) -> Value:
     # Painted ones lie between 0 and 1.
     return replace(_attribute_of(at.node.layer_name, output.identifier), low=0.0, high=1.0)
 
 
 @value_of("ShaderNodeAttribute", how="Geometry: Color, Vector, Fac and Alpha of the mesh's attributes",
-          instead="read for opacity only, at the corners of faces; no other type is read")  # fmt: skip
+          instead="read for opacity and displacement only, at corners; no other type is read")  # fmt: skip
 def _attribute(at: At, output) -> Value:
     if at.node.attribute_type != "GEOMETRY":
         kind = FLOAT if output.type == "VALUE" else VECTOR
