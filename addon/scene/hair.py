@@ -124,7 +124,7 @@ def _tubes(name: str, strands: Strands, scene: bpy.types.Scene, is_straight: boo
     shape, divisions = ("RIBBONS", 2) if how is None else (how.shape, how.subdivisions)
     if not is_straight and shape != "THICK_LINEAR":
         most = min(1 << divisions, THICK_PIECES) if shape == "RIBBONS" else THICK_PIECES
-        strands = strands.rounded(most)
+        strands = strands.thinned().rounded(most)
     return Tubes(name, strands)
 
 

@@ -24,6 +24,8 @@ SIDES = (8, 5, 3)  # of tubes; of few sides those of odd numbers are nearly as w
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 BEND = 0.5
 """Of a radius: how far straight pieces may be off a curve, all but 1% of them."""
+NARROWER = 0.01
+"""Of all strands' width: what leaving out points may change of it."""
 
 
 class MadeMesh(Protocol):
@@ -102,13 +104,8 @@ class Strands:
         points = np.column_stack([self.points, self.radii])
         p0, p1, p2, p3 = (points[i] for i in (before, first, first + 1, after))
         # How far off its chord a segment is in its middle.
-        chord, shift = (p2 - p1)[:, :3], (p1 + p2 - p0 - p3)[:, :3] / 16.0
-        square = np.einsum("ni,ni->n", chord, chord)
-        share = np.einsum("ni,ni->n", chord, shift) / np.where(square > 0.0, square, 1.0)
-        off = np.linalg.norm(shift - share[:, None] * chord, axis=1)
-        radius = np.maximum(p1[:, 3], p2[:, 3])
-        bends = off[radius > 0.0] / radius[radius > 0.0]
-        needed = math.sqrt(float(np.percentile(bends, 99.0)) / BEND) if len(bends) else 1.0
+        off, _ = _beside((p1 + p2 - p0 - p3)[:, :3] / 16.0, (p2 - p1)[:, :3])
+        needed = math.sqrt(_bend(off, np.maximum(p1[:, 3], p2[:, 3])) / BEND)
         pieces = min(max(math.ceil(needed), 1), most_pieces)
         if pieces == 1:
             return self
@@ -126,6 +123,27 @@ class Strands:
         starts = pieces * (self.starts - np.arange(len(self.starts))) + np.arange(len(self.starts))
         made[starts[1:] - 1] = points[self.starts[1:] - 1]
         return Strands(made[:, :3].copy(), np.maximum(made[:, 3], 0.0), starts, self.uvs)
+
+    def thinned(self) -> Strands:
+        """Without every second point, and again without every second, as far as bends and widths allow, where
+        there are many and all strands have as many."""
+        strands, length = self, int(self.lengths[0])
+        while length > 2 and length % 2 == 1 and (strands.lengths == length).all():
+            if 2 * SIDES[0] * len(strands.segments) <= FINE_TRIANGLES:
+                break
+            keys = np.column_stack([strands.points, strands.radii]).reshape(-1, length, 4)
+            kept, left = keys[:, ::2], keys[:, 1::2]
+            chord = kept[:, 1:] - kept[:, :-1]
+            off, share = _beside((left - kept[:, :-1])[..., :3], chord[..., :3])
+            lost = np.abs(left[..., 3] - kept[:, :-1, 3] - np.clip(share, 0.0, 1.0) * chord[..., 3])
+            step = np.linalg.norm(chord[..., :3], axis=2)
+            is_same = (lost * step).sum() <= NARROWER * (left[..., 3] * step).sum()
+            if not is_same or _bend(off, left[..., 3]) > BEND:
+                break
+            length = kept.shape[1]
+            points, radii = kept[..., :3].reshape(-1, 3), kept[..., 3].reshape(-1)
+            strands = Strands(points, radii, length * np.arange(len(kept) + 1), self.uvs)
+        return strands
 
 
 class Tubes:
@@ -231,6 +249,19 @@ def _rotations(count: int) -> np.ndarray:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return np.moveaxis(np.array(rows), 2, 0)
+
+
+def _beside(places: np.ndarray, chords: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far `places` (..., 3) are off lines along `chords` (..., 3) from the origin, and where on those."""
+    square = np.einsum("...i,...i", chords, chords)
+    share = np.einsum("...i,...i", chords, places) / np.where(square > 0.0, square, 1.0)
+    return np.linalg.norm(places - share[..., None] * chords, axis=-1), share
+
+
+def _bend(off: np.ndarray, radii: np.ndarray) -> float:
+    """How far all but 1% are off, in radii; those of no width do not count."""
+    is_wide = radii > 0.0
+    return float(np.percentile(off[is_wide] / radii[is_wide], 99.0)) if is_wide.any() else 0.0
 
 
 def _unit(vectors: np.ndarray, instead: np.ndarray) -> np.ndarray:

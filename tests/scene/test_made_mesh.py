@@ -144,6 +144,32 @@ def test_straight_strands_stay_as_they_are():
     assert len(strands_of(bent, 1e-5).rounded(8).points) > 9
 
 
+@pytest.mark.parametrize(
+    ("bend", "points"),
+    [(0.0, 2), (3e-3, 3), (0.02, 5), (0.3, 17), (5.0, 33)],
+)
+def test_many_hairs_lose_points_that_tell_nothing(bend, points):
+    """Parabolas of 33 points, which are off their chord by a quarter of `bend`; ends stay."""
+    count, t = 20_000, np.linspace(0.0, 1.0, 33)
+    whole = np.zeros((count, 33, 3))
+    whole[..., 0], whole[..., 1] = t, bend * t**2
+    whole[..., 2] = np.arange(count)[:, None]
+    strands = strands_of(whole, 1e-3, [33] * count)
+    thin = strands.thinned()
+    assert thin.lengths.tolist() == [points] * count
+    assert np.allclose(thin.points.reshape(count, points, 3), whole[:, :: 32 // (points - 1)])
+    assert thin.rounded(4) is thin or points == 33
+    assert strands_of(whole[:100], 1e-3, [33] * 100).thinned().lengths[0] == 33  # few: all are kept
+
+
+def test_hairs_keep_points_that_widths_hang_on():
+    count = 20_000
+    whole = np.zeros((count, 9, 3))
+    whole[..., 0] = np.linspace(0.0, 1.0, 9)
+    for widths, points in ((np.linspace(2.0, 1.0, 9), 2), (np.array([1.0] * 4 + [3.0] + [1.0] * 4), 9)):
+        assert strands_of(whole, np.tile(widths, count), [9] * count).thinned().lengths[0] == points
+
+
 def test_what_cannot_be_used_is_left_out():
     points = np.arange(33.0).reshape(11, 3)
     points[3, 1] = math.nan
