@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from .arrays import Arrays, Placed
+from .arrays import Arrays, OpacityArrays, Placed
 from .outline import Outline
 from .shader import Shader
 from .surface import Chunk
@@ -124,12 +124,17 @@ class GpuGeometry(Protocol):
     def corner_uvs(self) -> GpuImage:
         """Three rows a triangle; zero where the mesh has none."""
 
-    def alpha(self, material: int) -> tuple[GpuImage, float]:
-        """A material's alpha texels, and the threshold below which nothing is there."""
+    @property
+    def corner_opacity(self) -> GpuImage:
+        """Three rows a triangle, what opacities by corner are multiplied by."""
 
-    def draw_list(self, instances: frozenset[int]) -> Any:
-        """`runs`, `blocks` (tables) and `ranges` of triangles to draw, each with one alpha material or
-        none."""
+    def opacities(self, material: int, use: str) -> list[tuple[GpuImage, OpacityArrays]]:
+        """Texels of a material's front and back, that are "seen" or that "casts", and what is said of
+        them."""
+
+    def draw_list(self, instances: frozenset[int], use: str, kept: str) -> Any:
+        """`runs`, `blocks` (tables) and `ranges` of triangles to draw, each with one material whose opacity
+        is to be looked up or none, and `use`: "seen" or "casts"; `kept`: as layered depth has it."""
 
     def depth_bounds(self, view: View, instances: frozenset[int]) -> tuple[float, float]:
         """Smallest and largest depth of the instances' boxes, metres along the view's forward axis."""

@@ -26,8 +26,8 @@ def halves(values) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Range:
-    """Triangles `first` to `first + count` of a draw list; `material` has an alpha texture to look up, or
-    is None where every fragment is there."""
+    """Triangles `first` to `first + count` of a draw list; of `material` each fragment's opacity is to be
+    looked up, None: every fragment is there."""
 
     first: int
     count: int
@@ -37,16 +37,19 @@ class Range:
 @dataclass(eq=False)
 class DrawList:
     """Which triangles to draw, in the order of the instances, since of equal depths the first one drawn is
-    kept. Those to be alpha tested come last, to change programs seldom; but before everything come, in their
-    own order, the instances that stand at one place, where alone depths of different instances are equal.
+    kept. Those whose opacity is looked up come last, to change programs seldom; but before everything come,
+    in their own order, the instances that stand at one place, where alone depths of different instances are
+    equal.
 
     A run is one instance's triangles of one material: two texels of `runs`, then a last one that only
-    starts where the triangles end. `blocks` holds the run of every BLOCK-th triangle.
+    starts where the triangles end. `blocks` holds the run of every BLOCK-th triangle. `use`: which of the
+    materials' opacities count, what is "seen" or what "casts".
     """
 
     runs: GpuImage
     blocks: GpuImage
     ranges: tuple[Range, ...]
+    use: str
 
 
 class GpuGeometry:
@@ -60,9 +63,9 @@ class GpuGeometry:
         self._mesh_of = np.array([instance.mesh for instance in instances], int)
         self._boxes = _box_corners(meshes.places)
         self._matrices = np.asarray(arrays.matrices, np.float64).reshape(-1, 4, 4)
-        self._opacities = [opacities.seen[0] for opacities in arrays.opacities]
-        self._alphas: dict[int, GpuImage] = {}
-        self._lists: dict[frozenset[int], DrawList] = {}
+        self._opacities = arrays.opacities
+        self._texels: dict[OpacityArrays, GpuImage] = {}
+        self._lists: dict[tuple[frozenset[int], str, str], DrawList] = {}
 
     @property
     def instance_count(self) -> int:
@@ -70,7 +73,7 @@ class GpuGeometry:
 
     @property
     def positions(self) -> GpuImage:
-        """See GpuMeshes, as the three below."""
+        """See GpuMeshes, as the four below."""
         return self._tables_of_meshes.table("positions")
 
     @property
@@ -85,32 +88,42 @@ class GpuGeometry:
     def corner_uvs(self) -> GpuImage:
         return self._tables_of_meshes.table("corner_uvs")
 
-    def alpha(self, material: int) -> tuple[GpuImage, float]:
-        """Alpha texels of a material that `Range.material` names, and its threshold."""
-        opacity = self._opacities[material]
-        if material not in self._alphas:
-            self._alphas[material] = self._device.upload(np.asarray(opacity.texels, np.float32))
-        return self._alphas[material], opacity.threshold
+    @property
+    def corner_opacity(self) -> GpuImage:
+        return self._tables_of_meshes.table("corner_opacity")
 
-    def draw_list(self, instances: frozenset[int]) -> DrawList:
-        """What to draw of `instances`; kept, since many views draw the same."""
-        if instances not in self._lists:
-            self._lists[instances] = self._list(sorted(instances))
-        return self._lists[instances]
+    def opacities(self, material: int, use: str) -> list[tuple[GpuImage, OpacityArrays]]:
+        """Front and back of a material that `Range.material` names, with their texels, one where it is a
+        constant."""
+        return [(self._texels_of(opacity), opacity) for opacity in getattr(self._opacities[material], use)]
 
-    def _list(self, instances: list[int]) -> DrawList:
+    def _texels_of(self, opacity: OpacityArrays) -> GpuImage:
+        if opacity not in self._texels:
+            texels = [[opacity.value]] if _is_constant(opacity) else opacity.texels
+            self._texels[opacity] = self._device.upload(np.asarray(texels, np.float32))
+        return self._texels[opacity]
+
+    def draw_list(self, instances: frozenset[int], use: str, kept: str) -> DrawList:
+        """What to draw of `instances`, by what they are to `use`, of which "whole", "partial" or "drawn" is
+        kept (raster/presence.rs); kept itself, since many views draw the same."""
+        key = instances, use, kept
+        if key not in self._lists:
+            self._lists[key] = self._list(sorted(instances), use, kept)
+        return self._lists[key]
+
+    def _list(self, instances: list[int], use: str, kept: str) -> DrawList:
+        presences = [_presence(getattr(each, use), kept) for each in self._opacities]
         at_one_place = self._at_one_place(instances)
-        found = []  # what to sort by, the material whose alpha to look up or None, and a run
+        found = []  # what to sort by, the material whose opacity to look up or None, and a run
         for index in instances:
             instance = self._instances[index]
             mesh = self._meshes[instance.mesh]
             for slot, first, count in mesh.slots:
                 material = instance.materials[min(slot, len(instance.materials) - 1)]
                 run = (index, material, first, mesh.first_vertex, count)
-                kind = _alpha_kind(self._opacities[material])
-                tested = material if kind == "tested" else None
+                tested = material if presences[material] is None else None
                 last = -1 if tested is None else material
-                if kind != "absent" and count:
+                if presences[material] is not False and count:
                     found.append(((0, 0) if index in at_one_place else (1, last), tested, run))
         found.sort(key=lambda each: each[0])
         ranges, runs, start = [], [], 0
@@ -130,6 +143,7 @@ class GpuGeometry:
             self._device.upload_table(texels),
             self._device.upload_table(blocks[:, None].astype(np.float32)),
             tuple(ranges),
+            use,
         )
 
     def _at_one_place(self, instances: list[int]) -> set[int]:
@@ -204,20 +218,37 @@ class GpuGeometry:
     def release(self) -> None:
         """Frees the textures that are its own."""
         lists = [item for drawn in self._lists.values() for item in (drawn.runs, drawn.blocks)]
-        self._device.release([*self._alphas.values(), *lists])
-        self._alphas.clear()
+        self._device.release([*self._texels.values(), *lists])
+        self._texels.clear()
         self._lists.clear()
 
 
-def _alpha_kind(opacity: OpacityArrays) -> str:
-    """As kernels/src/geometry/mesh.rs `Cutout`."""
-    if opacity.texels is not None and opacity.texels.size:
-        if opacity.threshold <= 0.0:
-            raise ValueError("what is partly opaque is drawn on the CPU")
-        return "tested"
-    if opacity.threshold <= 0.0 and 0.0 < opacity.value < 1.0:
-        raise ValueError("what is partly opaque is drawn on the CPU")
-    return "opaque" if opacity.value >= (opacity.threshold if opacity.threshold > 0.0 else 1.0) else "absent"
+NEARLY = 1.0 / 512.0
+"""As in kernels/src/raster/presence.rs."""
+
+
+def _is_constant(opacity: OpacityArrays) -> bool:
+    return opacity.texels is None or not opacity.texels.size
+
+
+def _presence(sides: tuple[OpacityArrays, OpacityArrays], kept: str) -> bool | None:
+    """Whether fragments of a material are there, None where each has to be looked at: as `Rule::presence`
+    there."""
+    front, back = (_presence_of(side, kept) for side in sides)
+    return front if front == back else None
+
+
+def _presence_of(opacity: OpacityArrays, kept: str) -> bool | None:
+    is_clip = opacity.threshold > 0.0
+    if kept == "partial" and is_clip:
+        return False
+    if opacity.by_corner or not _is_constant(opacity):
+        return None
+    value = float(opacity.value >= opacity.threshold) if is_clip else opacity.value
+    if kept == "drawn":
+        return None if 0.0 < value < 1.0 else value > 0.0
+    is_whole = value >= 1.0 - NEARLY
+    return is_whole if kept == "whole" else value > NEARLY and not is_whole
 
 
 def _box_corners(meshes: list[MeshPlace]) -> np.ndarray:

@@ -12,7 +12,7 @@ from .gpu_image import TABLE_WIDTH, GpuImage
 
 MOST_IN_A_MESH = 1 << 24
 # Columns of each table, and its rows to a vertex or a triangle.
-TABLES = {"positions": 4, "triangles": 4, "corner_normals": 4, "corner_uvs": 2}
+TABLES = {"positions": 4, "triangles": 4, "corner_normals": 4, "corner_uvs": 2, "corner_opacity": 2}
 PATCHED_SHARE = 0.5  # with more than this of the rows new, all are uploaded again
 
 COPY_ROWS = Shader(
@@ -82,18 +82,21 @@ class _Part:
             values = getattr(mesh, name)
             if values is not None:
                 corners = slice(None) if self.corners is None else self.corners.reshape(-1)
-                for column in range(values.shape[1]):
-                    rows[:, column] = values[corners, column]
+                for column, along in enumerate(np.atleast_2d(values.T)):
+                    rows[:, column] = along[corners]
+            elif name == "corner_opacity":
+                rows[:, 0] = 1.0
 
 
 class GpuMeshes:
-    """The tables of a scene's meshes: positions and triangles at once, normals and uvs when first asked for.
+    """The tables of a scene's meshes: positions and triangles at once, the others when first asked for.
 
     - `positions`: a row a vertex, x, y, z relative to its mesh's middle, 0. The matrices put the middle back
       in float64: float32 products then lose the fewest digits.
     - `triangles`: a row a triangle, its vertices, counted in its mesh, and its number in its mesh.
     - `corner_normals`: three rows a triangle, unit shading normals in object space, zero for a flat mesh.
     - `corner_uvs`: three rows a triangle; zero where the mesh has none.
+    - `corner_opacity`: three rows a triangle, a factor and 0; 1 where the mesh has none.
 
     `places` tells where each mesh lies in them.
     """
@@ -125,7 +128,7 @@ class GpuMeshes:
         return last
 
     def table(self, name: str) -> GpuImage:
-        """One of the four, uploaded when first asked for."""
+        """One of the five, uploaded when first asked for."""
         if name not in self._tables:
             self._tables[name] = _uploaded(self._device, name, self._parts)
         return self._tables[name]

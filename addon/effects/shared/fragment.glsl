@@ -1,22 +1,60 @@
 // What every fragment stage starts with: its depth, and whether it is there at all.
 #include "tables.glsl"
 
-#ifdef ALPHA
-float alpha_at(float column, float row, vec2 size)
+#ifdef TESTED
+#include "chance.glsl"
+
+// What is kept (gpu_steps.py), besides what is drawn by chance.
+const float WHOLE = 0.0, PARTIAL = 1.0;
+
+// Half a step of a picture of 8 bits: kernels/src/raster/presence.rs.
+const float NEARLY = 1.0 / 512.0;
+
+float texel_at(sampler2D texels, float column, float row, vec2 size)
 {
   ivec2 texel = ivec2(mod(vec2(column, row), size));
-  return texelFetch(alpha, min(texel, ivec2(size) - 1), 0).r;
+  return texelFetch(texels, min(texel, ivec2(size) - 1), 0).r;
 }
 
-// Bilinear and repeated: kernels/src/geometry/mesh.rs `Cutout::sample`.
-float alpha_sample(vec2 at)
+// Bilinear and repeated: kernels/src/geometry/mesh.rs `Opacity::sample`.
+float sampled(sampler2D texels, vec2 at, vec2 size)
 {
-  vec2 size = params.alpha.yz;
+  if (size == vec2(1.0)) {
+    return texelFetch(texels, ivec2(0), 0).r;
+  }
   vec2 texel = fract(at) * size - 0.5;
   vec2 low = floor(texel), part = texel - low;
-  float bottom = mix(alpha_at(low.x, low.y, size), alpha_at(low.x + 1.0, low.y, size), part.x);
-  float top = mix(alpha_at(low.x, low.y + 1.0, size), alpha_at(low.x + 1.0, low.y + 1.0, size), part.x);
+  float bottom = mix(texel_at(texels, low.x, low.y, size), texel_at(texels, low.x + 1.0, low.y, size), part.x);
+  float top = mix(
+      texel_at(texels, low.x, low.y + 1.0, size), texel_at(texels, low.x + 1.0, low.y + 1.0, size), part.x);
   return mix(bottom, top, part.y);
+}
+
+// Of a side whose threshold, size of texels, and whether corners count `of` has.
+float opacity_of(sampler2D texels, vec4 of)
+{
+  float opacity = sampled(texels, uv, of.yz);
+#ifdef BY_CORNER
+  opacity *= of.w > 0.0 ? factor : 1.0;
+#endif
+  if (of.x > 0.0) {
+    return opacity >= of.x ? 1.0 : 0.0;
+  }
+  return opacity > 0.0 ? min(opacity, 1.0) : 0.0;
+}
+
+bool is_kept()
+{
+  float opacity = side.y != 0u ? opacity_of(back, params.back) : opacity_of(front, params.front);
+  bool is_whole = opacity >= 1.0 - NEARLY;
+  if (params.rule.x == WHOLE) {
+    return is_whole;
+  }
+  if (params.rule.x == PARTIAL) {
+    return opacity > NEARLY && !is_whole;
+  }
+  ivec2 place = ivec2(gl_FragCoord.xy) + ivec2(params.rule.zw);
+  return is_drawn(side.x, place, uint(params.rule.y), opacity);
 }
 #endif
 
@@ -36,8 +74,8 @@ float fragment_depth()
 
 bool is_there(float depth)
 {
-#ifdef ALPHA
-  if (alpha_sample(uv) < params.alpha.x) {
+#ifdef TESTED
+  if (!is_kept()) {
     return false;
   }
 #endif

@@ -11,6 +11,8 @@ from ...core.shader import Shader
 from ...core.surface import ATTRIBUTES, Chunk
 from ...core.view import View
 
+RULES = ("whole", "partial", "drawn")
+"""What is kept of what is not wholly opaque (steps.py), as shaders know it."""
 MAX_LAYERS = 16  # as kernels/src/raster/layers.rs
 MAX_SIDE = 32768  # as kernels/src/raster/camera.rs
 IMAGES_AT_ONCE = 7  # OpenGL promises 8 image units
@@ -24,7 +26,7 @@ LAYERED_DEPTH = Shader(
     vertex="effects/shared/pull.glsl",
     samplers=VERTEX_SAMPLERS,
     atomic_images=("sorted",),
-    params=("draw", "range", "map", "last", "alpha"),
+    params=("draw", "range", "map", "last", "front", "back", "rule"),
     varyings=VARYINGS,
     outputs=(("UVEC2", "nothing"),),
 )
@@ -39,7 +41,7 @@ VISIBILITY = Shader(
     "effects/shared/visibility.glsl",
     vertex="effects/shared/pull.glsl",
     samplers=VERTEX_SAMPLERS,
-    params=("draw", "range", "depth", "alpha"),
+    params=("draw", "range", "depth", "front", "back", "rule"),
     varyings=VARYINGS,
     outputs=(("UVEC2", "nearest"),),
     writes_depth=True,
@@ -54,16 +56,20 @@ SURFACE = Shader(
 )
 
 
-def raster_variant(shader: Shader, orthographic: bool, alpha: bool) -> Shader:
-    """The raster program for a kind of view, with or without an alpha texture."""
+def raster_variant(shader: Shader, orthographic: bool, is_tested: bool, by_corner: bool = False) -> Shader:
+    """The raster program for a kind of view, which looks each fragment's opacity up or not."""
     samplers, varyings, defines = shader.samplers, shader.varyings, []
     if orthographic:
         defines.append("ORTHOGRAPHIC")
         varyings = (*varyings, ("smooth", "FLOAT", "linear_depth"))
-    if alpha:
-        defines.append("ALPHA")
-        varyings = (*varyings, ("smooth", "VEC2", "uv"))
-        samplers = (*samplers, ("corner_uvs", "FLOAT_2D"), ("alpha", "FLOAT_2D"))
+    if is_tested:
+        defines.append("TESTED")
+        varyings = (*varyings, ("flat", "UVEC2", "side"), ("smooth", "VEC2", "uv"))
+        samplers = (*samplers, *((name, "FLOAT_2D") for name in ("corner_uvs", "front", "back")))
+    if by_corner:
+        defines.append("BY_CORNER")
+        varyings = (*varyings, ("smooth", "FLOAT", "factor"))
+        samplers = (*samplers, ("corner_opacity", "FLOAT_2D"))
     return _replaced(shader, samplers, varyings, defines)
 
 
@@ -89,9 +95,9 @@ def variants() -> Iterator[Shader]:
     """Every program that these steps may compile."""
     yield UNSORT
     for orthographic in (False, True):
-        for alpha in (False, True):
-            yield raster_variant(LAYERED_DEPTH, orthographic, alpha)
-            yield raster_variant(VISIBILITY, orthographic, alpha)
+        for looks_up in ((False,), (True,), (True, True)):
+            yield raster_variant(LAYERED_DEPTH, orthographic, *looks_up)
+            yield raster_variant(VISIBILITY, orthographic, *looks_up)
         for first in range(0, len(ATTRIBUTES), IMAGES_AT_ONCE):
             yield surface_variant(tuple(sorted(ATTRIBUTES))[first : first + IMAGES_AT_ONCE], orthographic)
 
@@ -112,10 +118,11 @@ def surface(device, geometry, view: View, visible: frozenset[int], chunk: Chunk,
     depth_scale = 2.0 ** -np.ceil(np.log2(reach) + 1e-6)  # a power of two: scaling rounds nothing
     matrices = geometry.clip_matrices(view, (chunk.y0, chunk.y1), size, chunk.jitter, (chunk.x0, chunk.x1))
     depth = device.new_depth((shape[1], shape[0]))
-    drawn = geometry.draw_list(visible)
+    drawn = geometry.draw_list(visible, "seen", "drawn")
+    rule = RULES.index("drawn"), chunk.sample, chunk.x0, chunk.y0
     _draw_all(
         device, VISIBILITY, geometry, drawn, view, high, nearest, depth, matrices,
-        {}, {"depth": (low, depth_scale)},
+        {}, {"depth": (low, depth_scale), "rule": rule}, seed,
     )  # fmt: skip
     return _attributes(device, geometry, drawn, view, chunk, sorted(attributes), nearest)
 
@@ -168,7 +175,7 @@ def layered_depth(
     kept="whole",
     draw=(0, 0),
 ):
-    """An image (layers, height, width) float32, as the kernel of the same name."""
+    """An image (layers, height, width) float32, as the kernel of the same name. `draw`: seed and sample."""
     if not 1 <= layers <= MAX_LAYERS:
         raise ValueError(f"a layered depth map has 1 to {MAX_LAYERS} layers, not {layers}")
     _check_view(view, (width, height))
@@ -178,20 +185,25 @@ def layered_depth(
     _, high = geometry.depth_bounds(view, casters)
     target = device.new_image((height, width, 2), np.uint32)  # drawn into, never read
     matrices = geometry.clip_matrices(view, (0, height), (width, height))
-    drawn = geometry.draw_list(casters)
+    drawn = geometry.draw_list(casters, "casts", kept)
+    (seed, sample), rule = draw, RULES.index(kept)
     extent = (width, height, depths.columns, layers)
     row, column = divmod(layers - 1, depths.columns)
     _draw_all(
         device, LAYERED_DEPTH, geometry, drawn, view, high, target, None, matrices,
-        {"sorted": keys}, {"map": extent, "last": (width * column, height * row)},
+        {"sorted": keys},
+        {"map": extent, "last": (width * column, height * row), "rule": (rule, sample, 0, 0)}, seed,
     )  # fmt: skip
     device.dispatch(UNSORT, depths.size, {"depths": depths}, {"sorted": keys}, {"size": depths.size})
     device.release([keys, target])
     return depths
 
 
-def _draw_all(device, shader, geometry, drawn, view: View, high, target, depth, matrices, images, params):
-    """Draws a draw list, each range by its own program, in pieces that one vertex buffer serves."""
+def _draw_all(
+    device, shader, geometry, drawn, view: View, high, target, depth, matrices, images, params, seed: int
+):
+    """Draws a draw list, each range by its own program, in pieces that one vertex buffer serves. `seed`: of
+    what is there by chance."""
     samplers = {
         "blocks": drawn.blocks,
         "runs": drawn.runs,
@@ -203,15 +215,21 @@ def _draw_all(device, shader, geometry, drawn, view: View, high, target, depth, 
     behind = 0.5 / max(abs(high - view.near), 1e-30) if np.isfinite(high) else 1.0
     params = params | {"range": (view.near, min(view.far, 3.0e38), behind)}
     for part in drawn.ranges:
-        bound, alpha = dict(samplers), (0.0, 1.0, 1.0)
+        bound, sides, by_corner = dict(samplers), {"front": (), "back": ()}, False
         if part.material is not None:
-            texels, threshold = geometry.alpha(part.material)
-            bound |= {"corner_uvs": geometry.corner_uvs, "alpha": texels}
-            alpha = (threshold, texels.shape[1], texels.shape[0])
-        program = raster_variant(shader, view.orthographic, part.material is not None)
+            opacities = geometry.opacities(part.material, drawn.use)
+            for name, (texels, opacity) in zip(sides, opacities, strict=True):
+                bound[name] = texels
+                sides[name] = (opacity.threshold, *texels.shape[::-1], opacity.by_corner)
+                by_corner |= opacity.by_corner
+            bound["corner_uvs"] = geometry.corner_uvs
+            if by_corner:
+                bound["corner_opacity"] = geometry.corner_opacity
+        program = raster_variant(shader, view.orthographic, part.material is not None, by_corner)
         for first in range(part.first, part.first + part.count, device.TRIANGLES_PER_DRAW):
             count = min(device.TRIANGLES_PER_DRAW, part.first + part.count - first)
-            now = params | {"draw": (first >> 16, first & 0xFFFF), "alpha": alpha}
+            number = (first >> 16, first & 0xFFFF, seed >> 16, seed & 0xFFFF)
+            now = params | sides | {"draw": number}
             device.draw(program, count, target, depth, images, bound, now)
 
 

@@ -1,5 +1,8 @@
 // Vertex stage: pulls triangle gl_VertexID / 3 of a draw list (addon/devices/gpu_geometry.py).
 #include "tables.glsl"
+#ifdef TESTED
+#include "chance.glsl"
+#endif
 
 const uint BLOCK = 64u;
 
@@ -39,8 +42,25 @@ void main()
   float near = params.range.x;
   range = vec2(max(near, min(depths.x, min(depths.y, depths.z))), max(depths.x, max(depths.y, depths.z)));
   ids = uvec2(run + 1u, row);
-#ifdef ALPHA
+#ifdef TESTED
   uv = texelFetch(corner_uvs, table_texel(3u * row + corner), 0).xy;
+#ifdef BY_CORNER
+  factor = texelFetch(corner_opacity, table_texel(3u * row + corner), 0).x;
+#endif
+  // The eye is behind where it is so in object space, whatever the matrix turns: by the sign of what the clip
+  // matrix makes of the corners' volume with the eye, over that of its own determinant.
+  vec3 rows[3] = vec3[3](to_clip_x.xyz, to_clip_y.xyz, to_depth.xyz);
+  vec3 ab = b.xyz - a.xyz, ac = c.xyz - a.xyz;
+  ab = vec3(dot(rows[0], ab), dot(rows[1], ab), dot(rows[2], ab));
+  ac = vec3(dot(rows[0], ac), dot(rows[1], ac), dot(rows[2], ac));
+#ifdef ORTHOGRAPHIC
+  float volume = ab.x * ac.y - ab.y * ac.x;
+#else
+  float volume = dot(vec3(dot(to_clip_x, a), dot(to_clip_y, a), depths.x), cross(ab, ac));
+#endif
+  bool is_behind = sign(volume) * sign(dot(rows[0], cross(rows[1], rows[2]))) > 0.0;
+  uint number = uint(texelFetch(triangles, table_texel(row), 0).w);
+  side = uvec2(key_of(joined(params.draw.zw), instance, number), is_behind ? 1u : 0u);
 #endif
 
   // Only the near plane clips: -w <= z holds from it on, and z <= w always. Beyond the far plane
