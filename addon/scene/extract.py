@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ..core.arrays import OPAQUE, Arrays, MeshArrays, Opacities, OpacityArrays
-from ..core.outline import Material, Opacity, Outline
+from ..core.outline import Instance, Material, Opacity, Outline
 from .corner_values import corner_opacity, moved_uvs, placed_uvs
 from .displacement import displaced
 from .made_mesh import MadeMesh
@@ -36,7 +36,8 @@ def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[in
     with a name."""
     outline = scan.outline
     warnings: list[str] = []
-    owners = _owners(outline)
+    first = _first_instances(outline)
+    owners = [first[index].name if index in first else mesh.name for index, mesh in enumerate(outline.meshes)]
     textured = _textured_meshes(outline, wants) if UV in wants else frozenset()
     read = range(len(outline.instances)) if instances is None else instances
     shown = {outline.instances[index].mesh for index in read}
@@ -46,7 +47,7 @@ def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[in
         else no_faces()
         for index in range(len(scan.mesh_sources))
     )
-    slots = _slots(outline)
+    slots = {mesh: instance.materials for mesh, instance in first.items()}
     meshes = tuple(
         _with_uvs(outline, scan.mesh_sources[index], mesh, slots[index], wants, owners[index], warnings)
         if index in textured and index in shown
@@ -90,12 +91,9 @@ def _values(mesh: bpy.types.Mesh | MadeMesh, owner: str, names: list[str]) -> di
     return {name: values for name, values in found.items() if values is not None}
 
 
-def _owners(outline: Outline) -> list[str]:
-    """Name of the first object that shows each mesh."""
-    owners = [mesh.name for mesh in outline.meshes]
-    for instance in reversed(outline.instances):
-        owners[instance.mesh] = instance.name
-    return owners
+def _first_instances(outline: Outline) -> dict[int, Instance]:
+    """By mesh, the first that shows it."""
+    return {instance.mesh: instance for instance in reversed(outline.instances)}
 
 
 def _textured_meshes(outline: Outline, wants: Collection[str]) -> frozenset[int]:
@@ -148,11 +146,6 @@ def _is_cutout(texels: np.ndarray) -> bool:
     """Whether all are 0 or 1: then what is between is only how they are sampled, and half of it is an edge
     where that of the picture is. Leaves are so, and maps know all there is to know of them."""
     return bool(((texels == 0.0) | (texels == 1.0)).all())
-
-
-def _slots(outline: Outline) -> dict[int, tuple[int, ...]]:
-    """By mesh, the materials of the first instance that shows it."""
-    return {instance.mesh: instance.materials for instance in reversed(outline.instances)}
 
 
 def _with_uvs(
