@@ -67,3 +67,30 @@ def test_the_shadow_of_cards_is_what_cycles_renders(cards, kind):
     assert np.histogram(layer.pixels, (0.05, 0.4, 0.6, 0.9, 1.1))[0].min() > 100  # of all there is
     assert judge.rmse(layer.pixels.ravel(), where) < LAYER_RMSE
     assert abs(judge.bias(layer.pixels.ravel(), where)) < 0.25 * LAYER_RMSE
+
+
+@pytest.mark.parametrize("stops_back", [False, True])
+def test_cards_of_one_side_cast_what_cycles_renders(cards, stops_back):
+    """By Backfacing: rays from the floor to the lamp meet the backs of cards that face it."""
+    for name in ("Half", "Picture"):
+        tree = bpy.data.materials[name].node_tree
+        shader, output = tree.nodes["Principled BSDF"], tree.nodes["Material Output"]
+        geometry, mix = tree.nodes.new("ShaderNodeNewGeometry"), tree.nodes.new("ShaderNodeMixShader")
+        tree.links.new(geometry.outputs["Backfacing"], mix.inputs[0])
+        clear = tree.nodes.new("ShaderNodeBsdfTransparent")
+        tree.links.new(clear.outputs[0], mix.inputs[1 if stops_back else 2])
+        tree.links.new(shader.outputs[0], mix.inputs[2 if stops_back else 1])
+        tree.links.new(mix.outputs[0], output.inputs["Surface"])
+        for link in list(shader.inputs["Alpha"].links):
+            tree.links.remove(link)
+        shader.inputs["Alpha"].default_value = 1.0
+    bpy.ops.object.light_add(type="SUN", location=(0.3, -0.2, 4.0))
+    lamp = bpy.context.object
+    options = Options(("soft_shadow",), "cpu", samples=1, probes=0)
+    made = bake(cards, cards.view_layers[0], options, size=SIZE).layers.layers
+    # A lamp that nothing hides has no layer.
+    pixels = made[0].pixels.ravel() if made else np.ones(SIZE[0] * SIZE[1], np.float32)
+    judge = Judge.of(cards, lamp.name)
+    where = judge.weight > 0.0
+    assert ((pixels[where] < 0.5).mean() > 0.05) == stops_back
+    assert judge.rmse(pixels, where) < LAYER_RMSE

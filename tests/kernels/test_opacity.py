@@ -132,7 +132,8 @@ def test_front_and_back_are_told_apart(mirrored):
     np.testing.assert_allclose(from_below, 0.8, rtol=1e-6)
     from_above = through(accel, upright(9) + np.array([0, 0, 3], np.float32), (0.0, 0.0, -1.0))
     np.testing.assert_allclose(from_above, 0.4, rtol=1e-6)
-    for z, expected in ((0.0, 0.2), (3.0, 0.6)):
+    # A map's rays of shadow come the other way.
+    for z, expected in ((0.0, 0.6), (3.0, 0.2)):
         assert np.isfinite(drawn_depths(geometry, z, 4096)).mean() == pytest.approx(expected, abs=0.01)
 
 

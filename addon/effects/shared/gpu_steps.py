@@ -218,6 +218,8 @@ def _draw_all(
         bound, sides, by_corner = dict(samplers), {"front": (), "back": ()}, False
         if part.material is not None:
             opacities = geometry.opacities(part.material, drawn.use)
+            # A map looks from the light, and a ray of a shadow towards it: that meets the other side.
+            opacities = opacities if drawn.use == "seen" else opacities[::-1]
             for name, (texels, opacity) in zip(sides, opacities, strict=True):
                 bound[name] = texels
                 sides[name] = (opacity.threshold, *texels.shape[::-1], opacity.by_corner)

@@ -68,7 +68,9 @@ impl<'a> Finder<'a> {
     pub fn cut(&self, depths: &mut Block<f32>, id: u32, pixel: [i32; 2]) {
         let hit = self.find(id);
         let material = &self.data.materials[hit.material() as usize];
-        let opacity = &self.rule.sides(material)[usize::from(hit.shows_back(self.camera))];
+        // A map looks from the light, and a ray of a shadow towards it: that meets the other side.
+        let is_back = hit.shows_back(self.camera) == self.rule.is_camera;
+        let opacity = &self.rule.sides(material)[usize::from(is_back)];
         let uniform = opacity.uniform();
         let triangle = [hit.instance_index, hit.triangle];
         for (row, depths) in depths.0.as_chunks_mut::<WIDE>().0.iter_mut().enumerate() {
