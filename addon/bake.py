@@ -279,7 +279,7 @@ def read_depsgraph(
 ) -> tuple[Outline, Graph, Arrays, float]:
     """Scans, plans and extracts what the plan reads from an evaluated depsgraph of Blender's (in render mode:
     as F12 sees the scene); `camera` is Blender's, None for the scene's. Returns the seconds too."""
-    from .scene.extract import extract
+    from .scene.extract import extract, with_known_clips
     from .scene.scan import ScanOptions, scan
 
     started = time.perf_counter()
@@ -287,7 +287,8 @@ def read_depsgraph(
     found = scan(depsgraph, where)
     graph = plan_scene(found.outline, found.shot, options)
     arrays = extract(found, graph.wants, graph.instances)
-    return found.outline, graph, arrays, time.perf_counter() - started
+    outline = with_known_clips(found.outline, arrays)
+    return outline, graph, arrays, time.perf_counter() - started
 
 
 def read_scene(

@@ -20,7 +20,7 @@ from ..core.shot import Shot
 from ..devices.start import Devices, start_devices
 from ..effects.shared.coarse_picture import seen_boxes
 from ..planning import Options, plan_scene
-from ..scene.extract import extract
+from ..scene.extract import extract, with_known_clips
 from ..scene.rescan import Changes, patched
 from ..scene.scan import Scan, ScanOptions, scan
 from ..scene.viewport import Placement, hides_objects, shown_in
@@ -97,7 +97,7 @@ class Session:
             keys = [mesh.key for mesh in found.outline.meshes]
             pairs = [(index, before[key]) for index, key in enumerate(keys) if key in before]
             arrays = reusing(arrays, self._arrays, pairs)
-        outline = replace(found.outline, version=next(_versions))
+        outline = with_known_clips(replace(found.outline, version=next(_versions)), arrays)
         if self._arrays is not None and _same(outline, arrays, self.outline, self._arrays):
             # Told of, and yet all as before; then what is known of the instances still holds.
             outline = replace(outline, version=self.outline.version, instances=self.outline.instances)

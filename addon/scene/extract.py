@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ..core.arrays import OPAQUE, Arrays, MeshArrays, Opacities, OpacityArrays
-from ..core.outline import Instance, Material, Opacity, Outline
+from ..core.outline import BothSides, Instance, Material, Opacity, Outline
 from .corner_values import corner_opacity, moved_uvs, placed_uvs
 from .displacement import displaced
 from .made_mesh import MadeMesh
@@ -140,6 +140,25 @@ def _opacities(outline: Outline, textures: dict[int, np.ndarray]) -> tuple[Opaci
         Opacities(tuple(map(arrays_of, material.seen)), tuple(map(arrays_of, material.casts)))
         for material in outline.materials
     )
+
+
+def with_known_clips(outline: Outline, arrays: Arrays) -> Outline:
+    """The outline once its textures are read: of some it shows that they are clips, so that plans need not
+    look for what gets through in part."""
+
+    def known(sides: BothSides, read: tuple[OpacityArrays, OpacityArrays]) -> BothSides:
+        return tuple(
+            replace(each, threshold=of_read.threshold)
+            if of_read.threshold > 0.0 and each.threshold <= 0.0
+            else each
+            for each, of_read in zip(sides, read, strict=True)
+        )
+
+    materials = tuple(
+        replace(each, seen=known(each.seen, read.seen), casts=known(each.casts, read.casts))
+        for each, read in zip(outline.materials, arrays.opacities, strict=True)
+    )
+    return replace(outline, materials=materials)
 
 
 def _is_cutout(texels: np.ndarray) -> bool:

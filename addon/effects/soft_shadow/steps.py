@@ -82,9 +82,10 @@ def _spaced(backproject):
 
 
 def _leave_partial(device, shadow, partial):
-    """Rays for the points that something partly opaque may lie before."""
+    """Rays for the points that something partly opaque may lie before, unless all else hides the light."""
     uncertain = shadow["uncertain"]
     shaded = (partial["visibility"] < 1.0) | (partial["uncertain"] != 0)
+    shaded &= shadow["visibility"] > 0.0
     left = np.where(shaded & (uncertain != CLOSE), uncertain.dtype.type(PARTIAL), uncertain)
     return {"visibility": shadow["visibility"], "uncertain": left}
 
