@@ -13,7 +13,15 @@ import strata_kernels
 from strata.addon.core.arrays import MeshArrays, OpacityArrays
 from strata.addon.core.outline import Opacity
 from strata.addon.scene.corner_values import corner_opacity
-from strata.addon.scene.extract import BASE_COLOR, CORNER_NORMALS, OPACITY, UV, WANTS, extract
+from strata.addon.scene.extract import (
+    BASE_COLOR,
+    CORNER_NORMALS,
+    OPACITY,
+    UV,
+    WANTS,
+    extract,
+    with_known_clips,
+)
 from strata.addon.scene.nodes.values import COLOUR, FLOAT, Attribute, converted, variable
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.render_depsgraph import with_render_depsgraph
@@ -213,6 +221,18 @@ def test_object_slots_override_the_meshs(scene):
     used = {i.name: outline.materials[i.materials[0]].name for i in outline.instances}
     assert used == {"Cube": "Of the mesh", "Twin": "Of the object"}
     assert len(outline.meshes) == 1
+
+
+def test_a_texture_of_only_0_and_1_is_a_clip(scene):
+    bpy.ops.mesh.primitive_plane_add()
+    material, node = material_on(bpy.context.object)
+    pixels = np.repeat(np.random.default_rng(2).integers(0, 2, (3, 5, 1)), 4, axis=2).astype(float)
+    image_node(material, node, pixels, "Alpha", "Alpha", space="Non-Color")
+    outline, arrays = read(scene)
+    assert outline.materials[0].casts[0].is_partial
+    assert arrays.opacities[0].casts[0].threshold == 0.5
+    known = with_known_clips(outline, arrays)
+    assert not any(opacity.is_partial for opacity in known.materials[0].opacities)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import numpy as np
 from strata.addon.bake import BakeJob
 from strata.addon.core.arrays import Arrays, MeshArrays, Opacities, OpacityArrays
 from strata.addon.core.emitter import Emitter, EmitterKind
+from strata.addon.core.medium import Medium
 from strata.addon.core.outline import Bounds, Image, Instance, Light, Material, Mesh, Opacity, Outline
 from strata.addon.core.shot import Camera, Raster, Shot
 from strata.addon.planning import Options, plan_scene
@@ -97,9 +98,20 @@ def shot(half_angle: float = 0.05, seed: int = 0) -> Shot:
     )
 
 
-def baked(cards: list[Card], lamp: str, backend: str, samples=8, are_seen=False, half_angle=0.05, **values):
-    """What a bake of soft shadows gives."""
+def baked(
+    cards: list[Card],
+    lamp: str,
+    backend: str,
+    samples=8,
+    are_seen=False,
+    half_angle=0.05,
+    effect="soft_shadow",
+    medium: Medium | None = None,
+    **values,
+):
+    """What a bake of an effect gives; `medium`: of the world."""
     outline, arrays = scene_of(cards, lamp, are_seen)
-    options = Options(("soft_shadow",), backend, samples, 1, {"soft_shadow": {"resolution": 256} | values})
+    outline = replace(outline, world_medium=medium)
+    options = Options((effect,), backend, samples, 1, {effect: {"resolution": 256} | values})
     job = BakeJob(outline, plan_scene(outline, shot(half_angle), options), arrays, options)
     return job.result()
