@@ -10,6 +10,10 @@ import numpy as np
 
 from .footprint import Seen
 
+LIT_VIEWS = 8
+"""View rays that tell whether there is anything to multiply in a pixel: of more, nearly every pixel beside
+something has a little of it."""
+
 
 @dataclass(frozen=True)
 class Scale:
@@ -21,9 +25,10 @@ class Scale:
     luminance: np.ndarray
     exposure: float = 1.0
     display_mean: float = 0.0
+    uncertainty: float = 0.0
 
-    def with_means(self, mean: float, display_mean: float) -> Scale:
-        return replace(self, mean=mean, display_mean=display_mean)
+    def with_means(self, mean: float, display_mean: float, uncertainty: float = 0.0) -> Scale:
+        return replace(self, mean=mean, display_mean=display_mean, uncertainty=uncertainty)
 
     def known(self, light: np.ndarray) -> np.ndarray:
         """Light (P, V, 3) that is not a number where it is not known: a pixel of which no view ray knows is
@@ -55,7 +60,8 @@ class Deviations:
       their squares add up to luminance's; `signed` (P,): in luminance, negative where too dark
     - `chroma` (P, 2, 3): what of the light's colour one channel cannot hold
     - `display` (P, 2): the errors on a display
-    - `share` (P,): light over light + mean; `has_light` (P,) bool
+    - `share` (P,): light over light + mean; `has_light` (P,): whether LIT_VIEWS of the view rays find any: of
+      more of them the share of such groups that do, so that it does not depend on how many there are
     - `contradicted` (P, 2): of the rays, those that say another whole number than the layer
     """
 
@@ -82,9 +88,8 @@ class Deviations:
 
     @cached_property
     def square_variances(self) -> np.ndarray:
-        """(P,) of `squares` by noise: Var (e + a)(e + b) = 2 e^2 s + s^2 for noises a, b of variance s."""
-        noise = self.noise_variances
-        return (2.0 * self.errors.mean(axis=1) ** 2 * noise + noise**2).sum(axis=1)
+        """(P,) of `squares` by noise (estimate.py, product_variances)."""
+        return product_variances(self.errors[:, 0], self.errors[:, 1])
 
     @cached_property
     def sizes(self) -> np.ndarray:
@@ -93,6 +98,14 @@ class Deviations:
 
     def __getitem__(self, index) -> Deviations:
         return Deviations(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
+
+
+def product_variances(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """(P,) variances of the products of two noisy looks (P, K) at the same errors, summed over K, each from
+    its own two looks. For m the mean of both and d their difference, m.d has mean 0 and, where the noise is
+    normal with covariance C, the square (m.d)^2 has the mean 2 e'Ce + tr C^2: just the product's variance,
+    whether channels share their noise or not."""
+    return (0.5 * ((first**2).sum(axis=1) - (last**2).sum(axis=1))) ** 2
 
 
 def joined_deviations(parts: Sequence[Deviations]) -> Deviations:
@@ -134,5 +147,13 @@ def deviations(values: np.ndarray, seen: Seen, scale: Scale) -> Deviations:
         in_luminance.mean(axis=1),
         brightness / whole,
         halves(np.abs(differences).max(axis=2) * is_lit),
-        is_lit.any(axis=1),
+        _has_light(is_lit),
     )
+
+
+def _has_light(is_lit: np.ndarray) -> np.ndarray:
+    """(P,) from (P, V) bool. A group's rays lie apart in the sets that they were drawn in."""
+    pixels, views = is_lit.shape
+    groups = max(views // LIT_VIEWS, 1)
+    apart = is_lit[:, : views // groups * groups].reshape(pixels, views // groups, groups)
+    return apart.any(axis=1).mean(axis=1)

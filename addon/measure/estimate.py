@@ -6,19 +6,18 @@ Both estimates are unbiased. `docs/accuracy.md` derives them and says which simu
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from .deviation import Deviations
-from .interval import Part
-
-CENSUS_UNSEEN = 0.41
-"""Even where every pixel was screened, rays may have missed: m pixels of error e pass r rays each with
-probability (1 - e)^rm and then hide m e^2. Against the rule of three's bound, which is for one wholly wrong
-pixel each, that is at most 0.41 / r, at e = 0.72."""
+from .deviation import Deviations, product_variances
+from .interval import TAIL, Part
 
 STEP = 1e-3  # of finite differences
+
+MOST_HIDDEN = 8
+"""Pixels: of more, each is off by so little that they hide less, for any number of rays."""
 
 SMALLEST_CHANCE = 2.0**-9
 """Floor of a flagged pixel's chance of being flagged, two rays out of 1/1024: what 2 x 128 rays resolve."""
@@ -39,10 +38,26 @@ class Contradicted:
         return 0.5 * (self.halves[:, 0] - self.halves[:, 1]) ** 2
 
 
+def noise_of(variances: np.ndarray) -> float:
+    """Of a sum of squares with such variances by noise, each known by its own pixel's two looks alone: where
+    few pixels have most of it, chance may have shown too little, so the largest counts twice."""
+    return float(variances.sum() + variances.max(initial=0.0))
+
+
 def unseen_weight(weights: np.ndarray) -> float:
     """Weight of a bad pixel that was missed: the mean weight where the light falls, sum w^2 / sum w."""
     total = float(weights.sum())
     return float((weights**2).sum()) / total if total > 0.0 else 0.0
+
+
+def hidden(rays: int) -> float:
+    """What rays may have missed where every pixel got so many, as a share of what one more event counts for
+    (interval.py). m pixels of error e pass them all with the chance (1 - e)^(rays m). Where that is no less
+    than the interval's tail they hide up to m e^2: the most, over whole numbers of pixels, against the
+    -log(tail) events of the rule of three."""
+    pixels = np.arange(1, MOST_HIDDEN + 1)
+    errors = 1.0 - TAIL ** (1.0 / (rays * pixels))
+    return float((pixels * errors**2).max()) / -math.log(TAIL)
 
 
 def binary_part(
@@ -59,7 +74,7 @@ def binary_part(
     if not screened:
         return Part(0.0, 0.0, 0.0, 0.0), np.zeros(0)
     share = screened / population
-    unseen = unseen_weight(screened_weights) / share * max(1.0 - share, CENSUS_UNSEEN / rays)
+    unseen = unseen_weight(screened_weights) / share * max(1.0 - share, hidden(rays))
     if not looked_at:
         return Part(0.0, 0.0, 0.0, unseen), np.zeros(0)
     errors = np.clip(measured.halves.mean(axis=1), 0.0, 1.0)
@@ -77,8 +92,8 @@ def binary_part(
     variance = ((1.0 - share * chances) * counts**2).sum() / repeats
     if looked_at > 1:
         variance += looked_at * (1.0 - 1.0 / repeats) * counts.var(ddof=1)
-    noise_variance = ((scale * slope) ** 2 * noise).sum()
-    return Part(float(counts.sum()), float(variance), float(noise_variance), unseen), sampling
+    noise_variance = noise_of((scale * slope) ** 2 * noise)
+    return Part(float(counts.sum()), float(variance), noise_variance, unseen), sampling
 
 
 def _chance(errors: np.ndarray, rays: int) -> np.ndarray:
@@ -92,7 +107,7 @@ def _counted(errors: np.ndarray, rays: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Group:
-    """`size` screened pixels whose error is at most `edge`, and those of them that were measured."""
+    """`size` screened pixels whose error is hardly above `edge`, and those of them that were measured."""
 
     size: int
     edge: float
@@ -100,18 +115,18 @@ class Group:
 
 
 def grouped_part(
-    population: int, shares: np.ndarray, worst: np.ndarray, groups: list[Group]
+    population: int, worst: np.ndarray, rays: int, groups: list[Group]
 ) -> tuple[Part, list[np.ndarray]]:
     """A stratum of any values: double sampling for stratification (Cochran, Sampling Techniques, 12.2). The
-    screening only sorts pixels into groups; each group is then sampled at its own rate. `shares` (S,) of the
-    screened pixels (Deviations.share), `worst` (S,) the largest errors that their values allow. Returns the
-    Part and, for each group, how many pixels each measured one stands for (M,)."""
-    screened = len(shares)
+    screening, by `rays` for each pixel, only sorts pixels into groups; each group is then sampled at its own
+    rate. `worst` (S,): the largest errors that the screened pixels' values allow. Returns the Part and, for
+    each group, how many pixels each measured one stands for (M,)."""
+    screened = len(worst)
     if not screened:
         return Part(0.0, 0.0, 0.0, 0.0), [np.zeros(0) for _ in groups]
     share = screened / population
-    weight = unseen_weight(shares**2)
-    unseen = [float((worst**2).mean()) / share * (1.0 - share)]
+    measured = sum(len(group.measured) for group in groups) / screened
+    unseen = [float((worst**2).mean()) / share * max(1.0 - share, (1.0 - measured) * hidden(rays))]
     means, sizes, samplings, total, variance, noise_variance = [], [], [], 0.0, 0.0, 0.0
     for group in groups:
         count = len(group.measured)
@@ -121,13 +136,14 @@ def grouped_part(
             continue
         counts = group.measured.squares
         spread = float(counts.var(ddof=1)) if count > 1 else float(counts[0] ** 2)
-        noise = float(group.measured.square_variances.mean())
+        variances = group.measured.square_variances
+        noise = float(variances.mean())
         measured_share = count / stands_for
         mean = float(counts.mean())
         total += stands_for * mean
         variance += stands_for**2 / count * (1.0 - measured_share) * max(spread - noise, 0.0)
-        noise_variance += stands_for**2 / count * noise
-        unseen.append(weight * group.edge**2 * (1.0 - measured_share) * stands_for / count)
+        noise_variance += noise_of((stands_for / count) ** 2 * variances)
+        unseen.append(group.edge**2 * (1.0 - measured_share) * stands_for / count)
         means.append(mean)
         sizes.append(group.size / screened)
     if len(means) > 1:
@@ -164,10 +180,9 @@ class Compared:
 
     @property
     def square_variances(self) -> np.ndarray:
-        """(M,) variances of `squares` by the reference's noise, were it the same in all channels.
-        Var (e + a)(e + b) = 2 e^2 s + s^2 for noises a, b of variance s."""
-        s = 0.5 * (self.estimates[0] - self.estimates[-1]) ** 2
-        return np.sqrt(2.0 * self.errors**2 * s + s**2).mean(axis=1) ** 2
+        """(M,) variances of `squares` by the reference's noise."""
+        first, last = self.values - self.estimates[0], self.values - self.estimates[-1]
+        return product_variances(first, last) / self.values.shape[1] ** 2
 
     @property
     def noise(self) -> float:
@@ -194,12 +209,12 @@ def sampled_part(compared: Compared, worst: float) -> Part:
         return Part(0.0, 0.0, 0.0, 0.0)
     stands_for = compared.population / count
     left = 1.0 - 1.0 / stands_for  # of the pixels, what was not looked at
-    squares, noise = compared.squares, float(compared.square_variances.mean())
+    squares, variances = compared.squares, compared.square_variances
     spread = float(squares.var(ddof=1)) if count > 1 else float(squares[0] ** 2)
     scale = compared.population**2 / count
     return Part(
         stands_for * float(squares.sum()),
-        scale * left * max(spread - noise, 0.0),
-        scale * noise,
+        scale * left * max(spread - float(variances.mean()), 0.0),
+        noise_of(stands_for**2 * variances),
         stands_for * left * worst,
     )

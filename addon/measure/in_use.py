@@ -5,25 +5,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
 import numpy as np
 
-from ..core.metrics import maximum, mean_brightness, quantile
+from ..core.metrics import BRIGHTEST, maximum, mean_brightness, quantile
 from ..core.params import Params
 from ..core.random import hash_bits
 from ..core.working_space import luminance_of
-from .deviation import Deviations, Scale, deviations, joined_deviations
+from .deviation import LIT_VIEWS, Deviations, Scale, deviations, joined_deviations
 from .error_image import ErrorImage, error_image
 from .footprint import Probed, Truth, seen
 from .interval import joined, limits
 from .kept_samples import method_error
 from .light import by_cause
 from .report import LayerError
-from .strata import NOTHING, Difficulty, Stratum, finite, nearby, scaling_codes
-from .survey import BinarySurvey, EmptySurvey, GroupedSurvey, Screened, Survey, allot
+from .strata import NOTHING, Difficulty, Stratum, finite, mean_weight, nearby, scaling_codes
+from .survey import BinarySurvey, EmptySurvey, GroupedSurvey, Screened, Survey, allot, looks_again
 
 VIEWS, SAMPLES = 16, 2
 """Of a probe: view rays of each half, and of each view ray rays of each estimate."""
@@ -44,12 +44,16 @@ EXACT_LOOKS = 16
 """The same of a layer whose samples are anything between 0 and 1."""
 LIKELY = {Difficulty.EDGE: 4.0}
 """Strata with more errors than others are looked at more."""
-MOST_REPEATS = 32
-"""Times the rays of one pixel, where there are few pixels."""
+MOST_REPEATS, MOST_BETWEEN = 32, 4
+"""Times the rays of one pixel, where there are few pixels; the latter of those that are partly lit."""
+BRIGHT_PIXELS = 16
+"""Of each stratum, that may be as bright as the mean."""
 ROUNDING = 9
 """Decimals beyond which white light has colours too."""
-SCALE_PIXELS, SCALE_VIEWS = 1024, 8
-"""Looked at for the mean brightness."""
+SCALE_PIXELS, SCALE_LIT, MOST_SCALE_PIXELS = 1024, 64, 1 << 16
+"""Looked at for the mean brightness, and more until so many of them are lit, up to the last."""
+SCALE_SETS = 2
+"""Of LIT_VIEWS view rays each: they tell how sure it is."""
 IMAGE_VIEWS = 8, 24
 """Of a pixel of an error image: view rays of each half, and how many more where the halves disagree."""
 
@@ -93,7 +97,7 @@ class InUseScore:
 class _Measuring:
     def __init__(self, probed: Probed, truth: Truth, is_binary: bool, probes: int, seed: int):
         self.probed, self.truth, self.is_binary = probed, truth, is_binary
-        self.probes, self.seed = probes, seed
+        self.probes, self.seed, self.count_variance = probes, seed, 0.0
         image = probed.image.reshape(probed.image.shape[0] * probed.image.shape[1], -1)
         self.values, self.pixels = image, len(image)
         self.scale = Scale(1.0, np.array(luminance_of(probed.outline.working_space)), probed.outline.exposure)
@@ -117,6 +121,8 @@ class _Measuring:
         def root(total: float) -> float:
             return math.sqrt(max(total, 0.0) / count) if count > 0.0 else 0.0
 
+        own = self._scale_variance(part.total, count, all_of, sampling)
+        part = replace(part, noise_variance=part.noise_variance + own)
         value = min(root(part.total), 1.0)
         low, high = (min(root(limit), 1.0) for limit in limits(part))
         method = yield from method_error(self.probed, self.truth, self.scale, self.probes, self.seed)
@@ -140,6 +146,17 @@ class _Measuring:
             display=math.sqrt(max(mean(all_of.display[:, 0] * all_of.display[:, 1]), 0.0)),
             **told,
         )
+
+    def _scale_variance(self, total: float, count: float, found: Deviations, sampling: np.ndarray) -> float:
+        """Of the sum of squares, by what it is of: an error is a share of light + mean light, and the sum is
+        divided by how many pixels have any."""
+        squares = sampling * np.maximum(found.squares, 0.0)
+        whole = float(squares.sum())
+        # As the mean light grows an error shrinks, in the dark as much, elsewhere less.
+        shrinks = float((squares * (1.0 - found.share)).sum()) / whole if whole > 0.0 else 0.0
+        by_mean = (2.0 * shrinks * self.scale.uncertainty) ** 2
+        by_count = self.count_variance / count**2 if count > 0.0 else 0.0
+        return total**2 * (by_mean + by_count)
 
     def image(self, show: Callable[[int], None]) -> Generator[None, None, ErrorImage]:
         self.scale = yield from self._found_scale()
@@ -168,19 +185,38 @@ class _Measuring:
             weights[~known] = 0.0
             near = nearby(known.reshape(self.probed.image.shape[:2])).reshape(-1)
         generator = np.random.Generator(np.random.PCG64(self.seed))
-        order = generator.permutation(np.flatnonzero(near))[:SCALE_PIXELS]
-        looked = yield from seen(self.probed, self.truth, order, SCALE_VIEWS, 0, seed)
-        light = np.nan_to_num(looked.multiplied).mean(axis=1)
+        order, light, looked = generator.permutation(np.flatnonzero(near)), np.zeros((0, SCALE_SETS, 3)), 0
+        # Where nothing is known of it, the light may fall on few pixels.
+        while (
+            looked < min(len(order), MOST_SCALE_PIXELS)
+            and np.count_nonzero(light.any(axis=(1, 2))) < SCALE_LIT
+        ):
+            part = order[looked : looked + max(SCALE_PIXELS, looked)]
+            own = int(hash_bits(seed, looked))
+            found = yield from seen(self.probed, self.truth, part, LIT_VIEWS, 0, own, SCALE_SETS)
+            found = np.nan_to_num(found.multiplied).reshape(len(part), SCALE_SETS, LIT_VIEWS, 3)
+            light = np.concatenate([light, found.mean(axis=2)])
+            looked += len(part)
         brightness, shown = self.scale.of(light), self.scale.shown(light)
         is_lit = brightness > 0.0
-        mean, shown_mean = (mean_brightness(each[is_lit]) for each in (brightness, shown))
-        if self.probed.weights is not None and is_lit.any():
-            weighed = mean_brightness(weights[order])
-            if weighed > 0.0:
-                # Samples may have missed what rays find in some pixels, but not on the whole.
-                found = mean_brightness(brightness) / float(is_lit.mean())
-                mean = mean_brightness(weights[near]) * found / weighed
-        return self.scale.with_means(mean, shown_mean)
+        if not is_lit.any():
+            return self.scale.with_means(0.0, 0.0)
+        sets = [mean_brightness(each[lit]) for each, lit in zip(brightness.T, is_lit.T, strict=True)]
+        mean, shown_mean, share = float(np.mean(sets)), mean_brightness(shown[is_lit]), float(is_lit.mean())
+        # By which of their rays pixels were looked at, and by which pixels.
+        off = (np.minimum(brightness, BRIGHTEST * mean) - mean * is_lit) / (looked * share)
+        variance = float(((off[:, 0] - off[:, 1]) ** 2).sum()) / 4.0
+        own, left = brightness.mean(axis=1), 1.0 - looked / len(order)
+        if self.probed.weights is not None and (weighed := mean_brightness(weights[order[:looked]])) > 0.0:
+            # Samples may have missed what rays find in some pixels, but not on the whole.
+            ratio = mean_brightness(own) / weighed
+            variance += (
+                left * float(((own - ratio * weights[order[:looked]]) ** 2).sum()) / (looked * share) ** 2
+            )
+            mean = mean_brightness(weights[near]) * ratio / share
+        else:
+            variance += left * float((off.mean(axis=1) ** 2).sum())
+        return self.scale.with_means(mean, shown_mean, math.sqrt(variance) / mean)
 
     def _screened(self, strata: list[Stratum]) -> Generator[None, None, list[Survey]]:
         """Shares the screening out so that a bad pixel that is missed costs the same in every stratum, or
@@ -190,35 +226,46 @@ class _Measuring:
         groups = *((kind,) for kind in by_views), (Difficulty.EDGE, Difficulty.REST)
         for kinds in groups:
             index = [number for number, each in enumerate(strata) if each.difficulty in kinds]
-            sizes = [MOST_REPEATS * strata[i].population for i in index]
+            sizes = np.array([strata[i].population for i in index], np.int64)
             wishes = [LIKELY.get(strata[i].difficulty, 1.0) * self._counts_for(strata[i]) for i in index]
-            each = LOOKS[kinds[0]] if self.is_binary else EXACT_LOOKS
-            looks[index] = allot(each * self.probes, sizes, wishes)
+            total = (LOOKS[kinds[0]] if self.is_binary else EXACT_LOOKS) * self.probes
+            # A pixel that nobody looks at may be wholly wrong; only what is left looks at one again.
+            once = np.array(allot(total, sizes, wishes), np.int64)
+            again = allot(total - int(once.sum()), (MOST_REPEATS - 1) * sizes, wishes)
+            looks[index] = once + np.where(once == sizes, again, 0)
         surveys: list[Survey] = []
         for number, (stratum, count) in enumerate(zip(strata, looks.tolist(), strict=True)):
             pixels, seed = stratum.chosen(count), int(hash_bits(self.seed, 2, number))
-            if stratum.difficulty in by_views:
-                kind, rays = GroupedSurvey, BETWEEN_VIEWS
-                if stratum.difficulty == Difficulty.EMPTY:
-                    kind = EmptySurvey
-                told = yield from self._told(pixels, rays, SAMPLES * (kind is GroupedSurvey), seed, 1)
+            repeats = max(min(count // max(len(pixels), 1), MOST_REPEATS), 1)
+            if stratum.difficulty == Difficulty.EMPTY:
+                kind, rays = EmptySurvey, BETWEEN_VIEWS
+                told = yield from self._told(pixels, rays, 0, seed, 1)
+            elif stratum.difficulty in by_views:
+                kind, rays = GroupedSurvey, BETWEEN_VIEWS * min(repeats, MOST_BETWEEN)
+                told = yield from self._told(pixels, rays // 2, SAMPLES, seed, 2)
             else:  # single rays that know nothing of each other
-                kind = BinarySurvey
-                rays = SCREENING_RAYS * max(min(count // max(len(pixels), 1), MOST_REPEATS), 1)
+                kind, rays = BinarySurvey, SCREENING_RAYS * repeats
                 told = yield from self._told(pixels, 1, 1, seed, rays)
             population = stratum.population
             is_certain = self.probed.weights is not None and not stratum.is_empty
-            lit = population if is_certain else population * float(told.has_light.mean())
+            lit = population
+            if not is_certain:
+                lit = population * float(told.has_light.mean())
+                self.count_variance += _count_variance(told.has_light, rays // LIT_VIEWS, population)
             surveys.append(kind(Screened(stratum, pixels, self._values(pixels), rays, told, lit)))
         return surveys
 
     def _counts_for(self, stratum: Stratum) -> float:
-        """What a wholly wrong pixel of it adds, times how many it has."""
+        """What a wholly wrong pixel of it adds, times how many it has. Some pixels of each count as if they
+        were as bright as the mean: samples may have missed most of what there is."""
         if self.probed.weights is None or stratum.is_empty:
             return float(stratum.population)
-        weights = self.probed.weights.reshape(self.pixels, -1)[stratum.members].mean(axis=1)
-        mean = self.probed.weights.mean(dtype=np.float64)
-        return float(((weights / (weights + mean)) ** 2).sum()) + 1e-30
+        weights, found = self.probed.weights.reshape(self.pixels, -1), self.probed.found
+        if "mean weight" not in found:
+            found["mean weight"] = mean_weight(weights.mean(axis=1)) + 1e-30
+        mean, weights = found["mean weight"], weights[stratum.members].mean(axis=1)
+        bright = 0.25 * min(stratum.population, BRIGHT_PIXELS)
+        return max(float(((weights / (weights + mean)) ** 2).sum()), bright)
 
     def _values(self, pixels: np.ndarray) -> np.ndarray:
         return finite(self.values[pixels])
@@ -235,16 +282,28 @@ class _Measuring:
         for survey in surveys:
             totals[type(survey)] = totals.get(type(survey), 0.0) + sum(survey.wishes)
         wishes = [wish / (totals[type(survey)] or 1.0) for survey in surveys for wish in survey.wishes]
-        counts = iter(allot(self.probes, sizes, wishes))
-        result = []
+        counts = allot(self.probes, sizes, wishes)
+        # Where all that asks for probes has them, more rays take their noise off.
+        looks = looks_again(self.probes - sum(counts), counts, wishes)
+        each, result = iter(zip(counts, looks, strict=True)), []
         for number, survey in enumerate(surveys):
-            chosen = [group[: next(counts)] for group in survey.groups]
-            pixels = survey.screened.pixels[np.concatenate(chosen)]
-            seed = int(hash_bits(self.seed, 3, number))
-            found = yield from self._told(pixels, VIEWS, SAMPLES, seed, 2)
-            ends = np.cumsum([len(each) for each in chosen])
-            result.append([found[end - len(each) : end] for end, each in zip(ends, chosen, strict=True)])
+            found = []
+            for index, group in enumerate(survey.groups):
+                count, again = next(each)
+                pixels = survey.screened.pixels[group[:count]]
+                seed = int(hash_bits(self.seed, 3, number, index))
+                views = VIEWS * min(again, MOST_REPEATS)
+                found.append((yield from self._told(pixels, views, SAMPLES, seed, 2)))
+            result.append(found)
         return result
+
+
+def _count_variance(has_light: np.ndarray, groups: int, population: int) -> float:
+    """Of how many of a stratum's pixels have light, each by so many groups of LIT_VIEWS view rays."""
+    looked = len(has_light)
+    chance = float((has_light * (1.0 - has_light)).mean()) / (groups - 1) if groups > 1 else 0.0
+    chosen = (1.0 - looked / population) * float(has_light.var())
+    return population**2 / looked * (chance + chosen)
 
 
 def _noise(traced: list[Deviations]) -> float:

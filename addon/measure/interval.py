@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 CONFIDENCE = 0.95
+TAIL = 0.5 * (1.0 - CONFIDENCE)
 LARGE_SHAPE = 1e5  # Wilson and Hilferty's cube is closer than 1e-9 from here on
 
 

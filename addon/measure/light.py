@@ -19,8 +19,8 @@ from .estimate import Compared, sampled_part
 from .footprint import Probed
 from .interval import joined, limits
 from .report import LayerError
-from .strata import Difficulty, Stratum, finite, image_codes
-from .survey import shared_looks
+from .strata import NEARBY, Difficulty, Stratum, finite, image_codes
+from .survey import allot, shared_looks
 
 RAYS_AT_ONCE = 32
 VIEWS = {Difficulty.EDGE: 8, Difficulty.REST: 1}
@@ -32,7 +32,9 @@ SCALE_PIXELS = 256
 
 CHANGING = 4.0  # how much more likely errors are where the layer's values change nearby
 UNSEEN = 0.25
-"""Square of what one more bad pixel is off by at least: black, where it should be as bright as the mean."""
+"""Square of what a bad pixel is off by that is black where it should be as bright as the mean."""
+MANY = 32
+"""Pixels that tell what others like them may be."""
 METHOD_PIXELS = 1.0 / 16.0  # for each probe, whose samples are compared one by one
 
 Along = Callable[[ViewRays, int], np.ndarray]
@@ -145,23 +147,25 @@ def _measured(probed: Probed, probes: int, along: Along, name: str, seed: int):
         first = along(probed.look(strata[0].chosen(1), 1, seed), seed)
         # Only what is not known exactly is worth a second look.
         looks = shared_looks(probes, populations, populations, wishes, again=len(first) > 1)
-    compared = []
+    compared, chosen_of = [], []
     for number, (stratum, (count, again)) in enumerate(zip(strata, looks, strict=True)):
         chosen, own = np.sort(stratum.chosen(count)), int(hash_bits(seed, number))
         views = VIEWS[stratum.difficulty] * again
         halves = yield from halves_of(probed, along, chosen, views, own, RAYS_AT_ONCE)
         compared.append(Compared(stratum.population, flat[chosen], halves))
+        chosen_of.append(chosen)
     bias = math.fsum(each.population * float(each.errors.mean()) for each in compared) / pixels
     # The truth's mean: the layer's, which is known exactly, less its mean error; its own where that is black.
     sizes, total = np.abs(flat).mean(axis=1), float(flat.mean())
     capped = mean_brightness(sizes) / (float(sizes.mean()) or 1.0) or 1.0
     mean = (capped * abs(total - bias)) or abs(total) or 1.0
     shares = [each.as_shares(mean) for each in compared]
-    part = joined(sampled_part(each, max(float((each.values**2).mean()), UNSEEN)) for each in shares)
+    swings = [_swing(probed, chosen, mean) for chosen in chosen_of]
+    part = joined(map(sampled_part, shares, _worst(shares, strata, swings)))
     value = root(part.total, pixels)
     low, high = (root(limit, pixels) for limit in limits(part))
     errors, sampling = pooled(shares)
-    method = yield from _method(probed, max(int(METHOD_PIXELS * probes), 4), along, mean, seed)
+    method = yield from _method(probed, strata, max(int(METHOD_PIXELS * probes), 4), along, mean, seed)
     ones = np.ones_like(errors)
     return LayerError(
         metric=LightScore.metric,
@@ -177,6 +181,34 @@ def _measured(probed: Probed, probes: int, along: Along, name: str, seed: int):
         method=method,
         sampling=None if method is None else math.sqrt(max(value**2 - method**2, 0.0)),
     )
+
+
+def _worst(shares: list[Compared], strata: list[Stratum], swings: list[np.ndarray]) -> list[float]:
+    """Square of what one more bad pixel of each stratum may be off by. Where the layer changes: by as much
+    (`swings`, see _swing). Where it is smooth a wrong pixel has wrong neighbours, and the worst of many that
+    were looked at tells how wrong they are; of few, that one may be black which should be as bright as the
+    mean."""
+    is_smooth = [stratum.difficulty == Difficulty.REST for stratum in strata]
+    smooth = [each.squares for each, is_one in zip(shares, is_smooth, strict=True) if is_one]
+    squares = np.concatenate([np.zeros(1), *smooth])
+    seen, is_known = float(squares.max()), len(squares) > MANY
+    worst = []
+    for each, is_one, swing in zip(shares, is_smooth, swings, strict=True):
+        own = max(float((each.values**2).mean()), UNSEEN) if is_one and not is_known else 0.0
+        worst.append(seen if is_one and is_known else max(own, float((swing**2).mean())))
+    return worst
+
+
+def _swing(probed: Probed, pixels: np.ndarray, mean: float) -> np.ndarray:
+    """(P,) of `pixels`: how far off one is that shows the brightest of what the layer holds within two
+    pixels where the darkest is true."""
+    height, width = probed.image.shape[:2]
+    rows, columns = np.divmod(pixels.astype(np.int64)[:, None], width)
+    steps = np.stack(np.meshgrid(*[np.arange(-NEARBY, NEARBY + 1)] * 2), axis=-1).reshape(-1, 2)
+    rows, columns = np.clip(rows + steps[:, 0], 0, height - 1), np.clip(columns + steps[:, 1], 0, width - 1)
+    window = np.abs(finite(probed.image[rows, columns])).reshape(*rows.shape, -1).mean(axis=2)
+    darkest = window.min(axis=1)
+    return (window.max(axis=1) - darkest) / (darkest + mean)
 
 
 def halves_of(
@@ -195,24 +227,32 @@ def halves_of(
     return np.concatenate(found, axis=1)
 
 
-def _method(probed: Probed, pixels: int, along: Along, mean: float, seed: int):
+def _method(probed: Probed, strata: list[Stratum], pixels: int, along: Along, mean: float, seed: int):
     """RMS of the effect's own error, at pixels whose samples were kept: each sample against the truth along
-    its own view ray; None where none were."""
+    its own view ray; half of them where the layer changes. None where none were kept."""
     kept = probed.samples
     if kept is None or not len(kept.pixels):
         return None
-    chosen = np.linspace(0, len(kept.pixels) - 1, min(pixels, len(kept.pixels))).astype(int)
-    samples, squares = len(kept.values), []
-    for number, index in enumerate(chosen):
-        places = np.repeat(probed.places(kept.pixels[[index]]), samples, axis=0)
-        rays = probed.rays.look(places, kept.jitter, np.arange(samples))
-        own = int(hash_bits(seed, 7, number))
-        first, last = (along(rays, int(hash_bits(own, half)))[0].mean(axis=0) for half in range(2))
-        value = finite(kept.values[:, index]).mean(axis=0)
-        whole = np.abs(0.5 * (first + last)).mean() + mean
-        squares.append(float(((value - first) * (value - last)).mean()) / whole**2)
-        yield
-    return math.sqrt(max(float(np.mean(squares)), 0.0))
+    changes = np.zeros(probed.image.shape[0] * probed.image.shape[1], bool)
+    for each in strata:
+        changes[each.members] = each.difficulty == Difficulty.EDGE
+    changes = changes[kept.pixels]
+    groups = [group for group in (np.flatnonzero(changes), np.flatnonzero(~changes)) if len(group)]
+    samples, total = len(kept.values), 0.0
+    counts = allot(pixels, [len(each) for each in groups], [1.0] * len(groups))
+    for members, count in zip(groups, counts, strict=True):
+        chosen, squares = members[np.linspace(0, len(members) - 1, count).astype(int)], []
+        for index in chosen:
+            places = np.repeat(probed.places(kept.pixels[[index]]), samples, axis=0)
+            rays = probed.rays.look(places, kept.jitter, np.arange(samples))
+            found = along(rays, int(hash_bits(seed, 7, index))).mean(axis=1)
+            first, last = found[0], found[-1]
+            value = finite(kept.values[:, index]).mean(axis=0)
+            whole = np.abs(0.5 * (first + last)).mean() + mean
+            squares.append(float(((value - first) * (value - last)).mean()) / whole**2)
+            yield
+        total += len(members) * float(np.mean(squares))
+    return math.sqrt(max(total, 0.0) / len(kept.pixels))
 
 
 def pooled(compared: list[Compared], largest_channel: bool = False) -> tuple[np.ndarray, np.ndarray]:

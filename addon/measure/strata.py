@@ -14,13 +14,21 @@ from enum import IntEnum
 
 import numpy as np
 
+from ..core.metrics import mean_brightness
+
 SNAP = 1e-6  # values closer to 0 or 1 than this are 0 or 1
+NEARBY = 2  # pixels, in rows and columns
 JUMP = 1.2  # neighbours that differ by more than this factor are an edge
 NOTHING = 1e-20
 """Weights up to this share of the largest are of nothing: floors are 1e-30 (effects/shared/weights.py)."""
 
 SHARES = (0.05, 0.2, 0.5)
 """Of u / (u + mean u), where a stratum of brightness ends: what an error there counts for."""
+
+DIM = 1.0 / 64.0
+"""Of the mean: what is darker is all alike."""
+
+MEAN_PIXELS = 1 << 17
 
 KIND_BITS = 3  # of a code, the Difficulty; the bits above are the brightness
 CODES = 1 << (KIND_BITS + 7)
@@ -70,11 +78,8 @@ class Stratum:
 
 def strata_of(codes: np.ndarray, priority: Callable[[np.ndarray], np.ndarray]) -> Iterator[Stratum]:
     """Of `codes` (pixels,) uint16, in their order."""
-    order = np.argsort(codes, kind="stable").astype(np.uint32)
-    counts = np.bincount(codes, minlength=CODES)
-    ends = np.cumsum(counts)
-    for code in np.flatnonzero(counts).tolist():
-        yield Stratum(code, order[ends[code] - counts[code] : ends[code]], priority)
+    for code in np.flatnonzero(np.bincount(codes, minlength=CODES)).tolist():
+        yield Stratum(code, np.flatnonzero(codes == code).astype(np.uint32), priority)
 
 
 def scaling_codes(image: np.ndarray, weights: np.ndarray | None, is_binary: bool) -> np.ndarray:
@@ -91,8 +96,9 @@ def scaling_codes(image: np.ndarray, weights: np.ndarray | None, is_binary: bool
         light = weights.reshape(*image.shape[:2], -1).mean(axis=2)
         empty = light <= NOTHING * light.max(initial=0.0)
         edges |= near_jumps(light)
-        mean = light.mean(dtype=np.float64, where=~empty) if not empty.all() else 1.0
-        brightness = np.digitize(light / (light + np.float32(mean)), SHARES).astype(np.uint16)
+        mean = mean_weight(light) or 1.0
+        for share in SHARES:  # u / (u + mean) >= share, without a division's images
+            brightness += light >= np.float32(share / (1.0 - share) * mean)
     else:
         edges |= near_jumps(planes.mean(axis=2))
     code = brightness << KIND_BITS
@@ -101,6 +107,13 @@ def scaling_codes(image: np.ndarray, weights: np.ndarray | None, is_binary: bool
     code |= kind
     code[empty] = np.where(nearby(~empty)[empty], np.uint16(Difficulty.FRINGE), np.uint16(Difficulty.EMPTY))
     return code.reshape(-1)
+
+
+def mean_weight(weights: np.ndarray) -> float:
+    """Mean brightness of what a layer multiplies, where there is anything: what a share of the brightness is
+    of. Of many pixels some tell."""
+    some = weights.reshape(-1)[:: max(weights.size // MEAN_PIXELS, 1)]
+    return mean_brightness(some[some > NOTHING * weights.max(initial=0.0)])
 
 
 def image_codes(image: np.ndarray) -> np.ndarray:
@@ -113,6 +126,7 @@ def image_codes(image: np.ndarray) -> np.ndarray:
         edges |= near_jumps(sizes[..., channel])
     # What is dark beside a bright pixel may be wrong by as much as that one.
     brightest = largest_nearby(sizes.max(axis=2))
+    np.maximum(brightest, DIM * brightest.mean(dtype=np.float64), out=brightest)
     # The upper seven bits of a positive float are its exponent, halved: factors of 4.
     code = (brightest.view(np.uint32) >> np.uint32(24)).astype(np.uint16)
     code <<= KIND_BITS
@@ -132,7 +146,7 @@ def nearby(mask: np.ndarray) -> np.ndarray:
 
 def largest_nearby(image: np.ndarray) -> np.ndarray:
     """(rows, width): the largest value of the square of five by five pixels around each."""
-    for _ in range(2):
+    for _ in range(NEARBY):
         wider = image.copy()
         np.maximum(wider[:, 1:], image[:, :-1], out=wider[:, 1:])
         np.maximum(wider[:, :-1], image[:, 1:], out=wider[:, :-1])
@@ -148,14 +162,14 @@ def _neighbours(image: np.ndarray):
 
 def _jump(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     with np.errstate(over="ignore"):
-        return np.maximum(a, b) > JUMP * np.minimum(a, b)
+        return (a > JUMP * b) | (b > JUMP * a)
 
 
 def near_changes(change_x: np.ndarray, change_y: np.ndarray) -> np.ndarray:
     """(rows, width) bool: within two pixels across a change between horizontal (rows, width - 1) or vertical
     (rows - 1, width) neighbours."""
     marked = np.zeros((len(change_x), change_y.shape[1]), bool)
-    for _ in range(2):
+    for _ in range(NEARBY):
         wider = marked.copy()
         wider[:, 1:] |= change_x
         wider[:, :-1] |= change_x

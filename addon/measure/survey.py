@@ -6,6 +6,7 @@ each; `estimate` takes what the probes of each group found.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,9 +17,10 @@ from .estimate import Contradicted, Group, binary_part, grouped_part
 from .interval import Part
 from .strata import Stratum
 
-EDGES = (0.2, 0.4, 1.0)
-"""The groups' largest differences between layer and screening. Eight well-spread rays err by about 0.1, so
-that few correct pixels leave the first group, and no error of 0.6 stays in it."""
+EDGES = (0.01, 0.025, 0.05, 0.1, 0.2, 0.4, 1.0)
+"""The groups' largest errors in use, as the screening sees them, with its noise."""
+NOISES = 2.0
+"""Standard deviations of the screening's noise that an error may be beyond its group's edge."""
 
 
 @dataclass(frozen=True)
@@ -85,24 +87,26 @@ class GroupedSurvey:
     rays are from it."""
 
     def __init__(self, screened: Screened):
-        self.screened = screened
-        differences = screened.told.contradicted.mean(axis=1)
-        group = np.digitize(differences, EDGES[:-1])
+        self.screened, told = screened, screened.told
+        group = np.digitize(told.sizes, EDGES[:-1])
         self.groups = [np.flatnonzero(group == each) for each in range(len(EDGES))]
-        weight = float((screened.told.share**2).mean()) if len(group) else 0.0
-        # So that a bad pixel that is missed costs the same in each.
-        self.wishes = [
-            len(members) / max(len(group), 1) * weight * screened.stratum.population * edge**2
+        noise = 0.5 * told.noise_variances.sum(axis=1)  # of both halves' mean
+        self.edges = [
+            edge + NOISES * math.sqrt(noise[members].mean()) if len(members) else edge
             for members, edge in zip(self.groups, EDGES, strict=True)
+        ]
+        # So that a bad pixel that is missed costs the same in each.
+        share = screened.stratum.population / max(len(group), 1)
+        self.wishes = [
+            share * len(members) * edge**2 for members, edge in zip(self.groups, self.edges, strict=True)
         ]
 
     def estimate(self, measured: Sequence[Deviations]) -> Estimate:
         screened = self.screened
         sizes = [len(members) for members in self.groups]
-        groups = [Group(*each) for each in zip(sizes, EDGES, measured, strict=True)]
+        groups = [Group(*each) for each in zip(sizes, self.edges, measured, strict=True)]
         worst = np.maximum(screened.values, 1.0 - screened.values).max(axis=1) * screened.told.share
-        population = screened.stratum.population
-        part, sampling = grouped_part(population, screened.told.share, worst, groups)
+        part, sampling = grouped_part(screened.stratum.population, worst, screened.rays, groups)
         return Estimate(part, screened.count, joined_deviations(measured), np.concatenate(sampling))
 
 
@@ -160,17 +164,24 @@ def shared_looks(
 
     Three in four looks are first ones, as `allot` has it, since what was never looked at widens the interval
     most. If they may look `again`, and there are groups of which every pixel is seen, the others take
-    those pixels' noise off: in proportion to the power 2/3 of a pixel's wish, which is best where the noise
-    of a square (Compared.square_variances) goes with the wish.
+    those pixels' noise off (`looks_again`).
     """
     sizes, populations = np.asarray(sizes, np.int64), np.asarray(populations, np.int64)
     counts = np.array(allot(total - total // 4 if again else total, sizes, wishes), np.int64)
-    more = np.ones(len(counts), np.int64)
+    more = [1] * len(counts)
     whole = (counts == populations) & (populations > 0)
     if again and whole.any():
-        each = (np.asarray(wishes, np.float64)[whole] / populations[whole]) ** (2.0 / 3.0)
-        left = max(total - int(counts.sum()), 0)
-        more[whole] += (left * each / max((each * counts[whole]).sum(), 1e-300)).astype(np.int64)
+        more = looks_again(total - int(counts.sum()), np.where(whole, counts, 0), wishes)
     elif again:
         counts = np.array(allot(total, sizes, wishes), np.int64)
-    return list(zip(counts.tolist(), more.tolist(), strict=True))
+    return list(zip(counts.tolist(), more, strict=True))
+
+
+def looks_again(left: int, sizes: Sequence[int], wishes: Sequence[float]) -> list[int]:
+    """How many looks each pixel of groups of `sizes` gets where one each is given already and `left` are
+    left: in proportion to the power 2/3 of a pixel's wish, which is best where the noise of a square
+    (Compared.square_variances) goes with the wish."""
+    sizes = np.asarray(sizes, np.int64)
+    each = (np.asarray(wishes, np.float64) / np.maximum(sizes, 1)) ** (2.0 / 3.0)
+    more = max(left, 0) * each / max(float((each * sizes).sum()), 1e-300)
+    return (1 + np.where(sizes > 0, more, 0.0).astype(np.int64)).tolist()

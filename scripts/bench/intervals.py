@@ -2,15 +2,21 @@
 
 Scenes of all effects, with good settings and bad ones. The truth is what the reports rest on too, asked at
 every pixel and with many more rays: this tests the choice of pixels and the interval, and nothing else.
+
+What was found of each scene is kept in out/intervals.jsonl, one line a layer and number of probes, so that a
+run that was stopped goes on: delete it to begin anew.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import random
-from collections.abc import Generator
-from dataclasses import dataclass
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -19,38 +25,50 @@ from strata.addon.core.metrics import WRONG, mean_brightness
 from strata.addon.core.slices import finished
 from strata.addon.core.working_space import luminance_of
 from strata.addon.measure import measure as measuring
-from strata.addon.measure.deviation import Scale, deviations
+from strata.addon.measure.deviation import LIT_VIEWS, Deviations, Scale, deviations, product_variances
 from strata.addon.measure.footprint import Probed, seen
 from strata.addon.measure.in_use import InUseScore
-from strata.addon.measure.light import LightScore
+from strata.addon.measure.light import LightScore, halves_of
 from strata.addon.measure.mask import MaskScore
-from strata.addon.measure.report import LayerError
 from strata.addon.planning import Options
-from strata.scripts.bench.document import table
+from strata.scripts.bench.document import ROOT, table
 
 SCENES = 200
 SIZE = (48, 32)
-PROBES = 512
-SHADOW_VIEWS, LIGHT_VIEWS, MASK_VIEWS = 32, 8, 32
-"""View rays of each of a pixel's two halves, for the error of all pixels: of masks as many as the reports
-take, since a pixel counts as wrong by what so many rays say."""
+PROBES = 512, 1024
+KEPT = ROOT / "out" / "intervals.jsonl"
+
+SHADOW_VIEWS, LIGHT_VIEWS, MASK_VIEWS = (32, 512), (8, 64), (32, 512)
+"""View rays of each of a pixel's two halves, for the error of all pixels: of every pixel, and of those that
+the first leave in doubt."""
+DOUBTFUL = 0.25
+"""Share of a light's pixels, the noisiest, that are looked at again."""
+NEAR = 1.0 / 16.0
+"""A mask's pixel is in doubt where it is so near to what makes it wrong, or wrong."""
 
 
 @dataclass(frozen=True)
 class Told:
-    """A layer's error: as its report has it, and that of all its pixels."""
+    """A layer's error: as its report has it, and that of all its pixels, with its own standard deviation."""
 
     scene: int
     layer: str
     metric: str
+    probes: int
     value: float
     low: float
     high: float
     true: float
+    true_noise: float
+    seconds: float
 
     @property
     def holds(self) -> bool:
         return self.low <= self.true <= self.high
+
+    @property
+    def may_hold(self) -> bool:
+        return self.low - 2.0 * self.true_noise <= self.true <= self.high + 2.0 * self.true_noise
 
 
 def build(seed: int) -> Options:
@@ -98,7 +116,7 @@ def build(seed: int) -> Options:
         effects=tuple(effects),
         backend="cpu",
         samples=chance.choice((1, 4, 8, 16)),
-        probes=PROBES,
+        probes=1,
         values={"soft_shadow": shadow, "volumetric_light": fog},
         seed=seed,
     )
@@ -128,95 +146,150 @@ def _light(scene: bpy.types.Scene, chance: random.Random) -> None:
     scene.collection.objects.link(lamp)
 
 
-def true_error(probed: Probed) -> float:
+Truth = tuple[float, float]
+"""An error and its standard deviation, by the rays' noise."""
+
+
+def true_error(probed: Probed) -> Truth:
     """Of all pixels, by the layer's own metric."""
     score = probed.layer.kind.score
     return {InUseScore: _in_use, LightScore: _light_error, MaskScore: _mask_error}[type(score)](probed, score)
 
 
-def _in_use(probed: Probed, score: InUseScore) -> float:
+def _root(squares: np.ndarray, variances: np.ndarray, count: float) -> Truth:
+    error = math.sqrt(max(float(squares.sum()), 0.0) / count)
+    return error, math.sqrt(float(variances.sum())) / count / max(2.0 * error, 1e-30)
+
+
+def _in_use(probed: Probed, score: InUseScore) -> Truth:
     truth = partial(score.truth, probed.rays, probed.outline, probed.layer, probed.layers, probed.casters)
     count = probed.image.shape[0] * probed.image.shape[1]
-    looked = finished(seen(probed, truth, np.arange(count), SHADOW_VIEWS, 2, 4321, 2))
-    scale = Scale(1.0, np.array(luminance_of(probed.outline.working_space)), probed.outline.exposure)
-    brightness = scale.of(np.nan_to_num(looked.multiplied).mean(axis=1))
-    lit = brightness > 0.0
-    if not lit.any():
-        return 0.0
-    scale = scale.with_means(mean_brightness(brightness[lit]), 1.0)
     values = np.nan_to_num(probed.image.reshape(count, -1).astype(np.float64))
-    found = deviations(values, looked, scale)
-    return math.sqrt(max(float(found.squares.sum()), 0.0) / int(found.has_light.sum()))
+    scale = Scale(1.0, np.array(luminance_of(probed.outline.working_space)), probed.outline.exposure)
+    first = finished(seen(probed, truth, np.arange(count), SHADOW_VIEWS[0], 2, 4321, 2))
+    # Of as many view rays as the reports take for it, again and again.
+    light = np.nan_to_num(first.multiplied).reshape(count, LIT_VIEWS, -1, 3).mean(axis=1)
+    brightness = scale.of(light)
+    if not (brightness > 0.0).any():
+        return 0.0, 0.0
+    scale = scale.with_means(
+        float(np.mean([mean_brightness(each[each > 0.0]) for each in brightness.T])), 1.0
+    )
+    found: Deviations = deviations(values, first, scale)
+    squares, variances = found.squares.copy(), found.square_variances.copy()
+    again = np.flatnonzero(found.errors.any(axis=(1, 2)))
+    more = deviations(values[again], finished(seen(probed, truth, again, SHADOW_VIEWS[1], 2, 1234, 2)), scale)
+    squares[again], variances[again] = more.squares, more.square_variances
+    return _root(squares, variances, float(found.has_light.sum()))
 
 
-def _halves(probed: Probed, along, views: int, step: int) -> Generator[np.ndarray]:
-    count = probed.image.shape[0] * probed.image.shape[1]
-    for half in range(2):
-        parts = []
-        for start in range(0, count, step):
-            pixels = np.arange(start, min(start + step, count))
-            seed = 1000 * half + start
-            rays = probed.look(pixels, views, seed + 17)
-            parts.append(along(rays, seed).mean(axis=0).reshape(len(pixels), views, -1).mean(axis=1))
-        yield np.concatenate(parts)
+def _looked(
+    probed: Probed, score, views: tuple[int, int], doubtful: Callable[[np.ndarray], np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The layer (P, channels) and the truth (2, P, channels); `doubtful(errors)`: of (2, P, channels), the
+    pixels that are looked at again."""
+    along, count = score.along(probed), probed.image.shape[0] * probed.image.shape[1]
+    values = np.nan_to_num(probed.image.reshape(count, -1).astype(np.float64))
+    halves = finished(halves_of(probed, along, np.arange(count), views[0], 4321, 512))
+    again = doubtful(values - halves)
+    if len(again):
+        halves[:, again] = finished(halves_of(probed, along, again, views[1], 1234, 512))
+    return values, halves
 
 
-def _light_error(probed: Probed, score: LightScore) -> float:
-    first, last = _halves(probed, score.along(probed), LIGHT_VIEWS, 8)
-    values = np.nan_to_num(probed.image.reshape(len(first), -1).astype(np.float64))
+def _light_error(probed: Probed, score: LightScore) -> Truth:
+    def noisiest(errors: np.ndarray) -> np.ndarray:
+        return np.argsort(-product_variances(*errors))[: int(DOUBTFUL * errors.shape[1])]
+
+    values, (first, last) = _looked(probed, score, LIGHT_VIEWS, noisiest)
     truth = np.abs(0.5 * (first + last)).mean(axis=1, keepdims=True)
     whole = truth + (mean_brightness(truth) or 1.0)
-    return math.sqrt(max(float(((values - first) * (values - last) / whole**2).mean()), 0.0))
+    first, last = (values - first) / whole, (values - last) / whole
+    channels = values.shape[1]
+    return _root((first * last).mean(axis=1), product_variances(first, last) / channels**2, len(values))
 
 
-def _mask_error(probed: Probed, score: MaskScore) -> float:
-    first, last = _halves(probed, score.along(probed), MASK_VIEWS, 32)
-    values = np.nan_to_num(probed.image.reshape(len(first), -1).astype(np.float64))
-    return float((np.abs(values - 0.5 * (first + last)).max(axis=1) > WRONG).mean())
+def _mask_error(probed: Probed, score: MaskScore) -> Truth:
+    def near(errors: np.ndarray) -> np.ndarray:
+        return np.flatnonzero(np.abs(errors.mean(axis=0)).max(axis=1) > WRONG - NEAR)
+
+    values, (first, last) = _looked(probed, score, MASK_VIEWS, near)
+    errors = np.abs(values - 0.5 * (first + last)).max(axis=1)
+    unsure = (np.abs(values - first).max(axis=1) > WRONG) != (np.abs(values - last).max(axis=1) > WRONG)
+    unsure &= np.abs(errors - WRONG) < NEAR
+    return float((errors > WRONG).mean()), math.sqrt(0.5 * unsure.sum()) / len(values)
 
 
-def told(seed: int) -> list[Told]:
+def told(seed: int) -> Iterator[Told]:
     """Of each layer of a random scene."""
-    options, scene, probed_of = build(seed), bpy.context.scene, {}
+    options, found = build(seed), []
     own = measuring.Measurement.measure
 
     def watching(self, probed: Probed, *more):
-        probed_of[probed.layer.name] = true_error(probed)
+        true = true_error(probed)
+        for probes in PROBES:
+            # Each number of probes finds out by itself what all need.
+            probed.found.clear()
+            error = finished(own(measuring.Measurement(probes, seed), probed))
+            found.append((probed.layer.name, probes, error, *true))
         return own(self, probed, *more)
 
     measuring.Measurement.measure = watching
     try:
-        result = bake(scene, bpy.context.view_layer, options, size=SIZE)
+        bake(bpy.context.scene, bpy.context.view_layer, options, size=SIZE)
     finally:
         measuring.Measurement.measure = own
-    return [
-        Told(seed, each.name, each.error.metric, each.error.value, *each.error.ci95, probed_of[each.name])
-        for each in result.report.layers
-        if isinstance(each.error, LayerError)
-    ]
+    for layer, probes, error, true, noise in found:
+        ends = error.value, *error.ci95
+        yield Told(seed, layer, error.metric, probes, *ends, true, noise, error.seconds)
+
+
+def all_told(count: int, kept: Path = KEPT) -> list[Told]:
+    """Of so many scenes; those that `kept` has are not made again. One that fails is told and left out."""
+    lines = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
+    done = {line["scene"] for line in lines}
+    kept.parent.mkdir(exist_ok=True)
+    for seed in range(count):
+        if seed in done:
+            continue
+        try:
+            new = [asdict(each) for each in told(seed)]
+        except Exception as error:
+            print(f"scene {seed} failed: {error!r}", file=sys.stderr)
+            continue
+        with kept.open("a") as file:
+            file.write("".join(json.dumps(each) + "\n" for each in new or [{"scene": seed}]))
+        lines += new
+    return [Told(**line) for line in lines if "layer" in line and line["scene"] < count]
 
 
 def section(count: int) -> str:
     """So many scenes, as a part of the document."""
-    found: dict[str, list[Told]] = {}
-    for seed in range(count):
-        for each in told(seed):
-            found.setdefault(each.metric, []).append(each)
+    return document_of(all_told(count))
+
+
+def document_of(told_of: list[Told]) -> str:
+    """The same of what was found."""
     rows = []
-    for metric, layers in found.items():
-        above = [each.high / each.true for each in layers if each.true > 0.0]
-        values = [each.value / each.true for each in layers if each.true > 0.0]
-        held = sum(each.holds for each in layers)
-        rows.append([metric, str(len(layers)), f"{100.0 * held / len(layers):.0f}%"])
+    for metric, probes in sorted({(each.metric, each.probes) for each in told_of}):
+        layers = [each for each in told_of if (each.metric, each.probes) == (metric, probes)]
+        wrong = [each for each in layers if each.true > 0.0]
+        above = [each.high / each.true for each in wrong]
+        values = [each.value / each.true for each in wrong]
+        held = [sum(getattr(each, name) for each in layers) for name in ("holds", "may_hold")]
+        rows.append([metric, str(probes), str(len(layers))])
+        rows[-1] += [f"{100.0 * each / len(layers):.0f}%" for each in held]
         rows[-1] += [f"{np.median(each):.2f}" if each else "" for each in (above, values)]
     width, height = SIZE
+    header = ["metric", "probes", "layers", "held", "within the truth's noise", "upper end over truth"]
     return "\n\n".join(
         [
             "### Intervals on random scenes",
-            f"{count} scenes of up to eight things, three lamps and fog, some in toon, with good settings "
-            f"and bad ones (1 to 16 samples, maps of 128 texels), {width}x{height}, {PROBES} probes. The "
-            "truth is the reports' own, asked at every pixel and with more rays: how often the interval "
-            "holds the error of all pixels, and, in the median, its upper end and the value over that error.",
-            table(["metric", "layers", "held", "upper end over truth", "value over truth"], rows),
+            f"{len({each.scene for each in told_of})} scenes of up to eight things, three lamps and fog, "
+            "some in toon, with good settings and bad ones (1 to 16 samples, maps of 128 texels), "
+            f"{width}x{height}. The truth is the reports' own, asked at every pixel and with more rays: how "
+            "often the interval holds the error of all pixels, or does if widened by two standard deviations "
+            "of that error's own noise, and, in the median, its upper end and the value over that error.",
+            table([*header, "value over truth"], rows),
         ]
     )

@@ -114,6 +114,8 @@ def test_the_mean_light_of_a_lamp_that_lights_next_to_nothing_is_found():
     field = Field(values, np.ones((count, 2, 1)), light, np.ones(count))
     for seed in range(8):
         assert field.measured(256, seed).value == pytest.approx(0.1, rel=0.01)
+        # Nothing weighed: a look at some of all pixels must meet one that is lit.
+        assert field.measured(256, seed, weighed=False).value == pytest.approx(0.1, rel=0.01)
 
 
 @pytest.mark.parametrize("samples", [1, 4])

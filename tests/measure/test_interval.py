@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from strata.addon.measure.deviation import Deviations
-from strata.addon.measure.estimate import Contradicted, Group, binary_part, grouped_part
+from strata.addon.measure.deviation import Deviations, product_variances
+from strata.addon.measure.estimate import Contradicted, Group, binary_part, grouped_part, hidden, noise_of
 from strata.addon.measure.interval import Part, gamma_distribution, gamma_quantile, joined, limits
-from strata.addon.measure.survey import allot, shared_looks
+from strata.addon.measure.survey import allot, looks_again, shared_looks
 from strata.tests.measure import fields
 
 
@@ -112,7 +112,7 @@ def test_grouped_estimate_is_unbiased_and_knows_its_variance(channels):
     population, screened = 3000, 1200
     errors = 0.05 * rng.standard_normal((population, channels))
     errors[rng.choice(population, 60, replace=False)] = 0.19
-    shares, worst = rng.uniform(0.5, 1.0, population), np.full(population, 0.8)
+    worst = np.full(population, 0.8)
     totals, variances = [], []
     for _ in range(2000):
         chosen = rng.permutation(population)[:screened]
@@ -122,7 +122,7 @@ def test_grouped_estimate_is_unbiased_and_knows_its_variance(channels):
             probed = members[:60]
             halves = errors[probed, None] + 0.02 * rng.standard_normal((len(probed), 2, channels))
             groups.append(Group(len(members), edge, deviations_of(halves)))
-        part, sampling = grouped_part(population, shares[chosen], worst[chosen], groups)
+        part, sampling = grouped_part(population, worst[chosen], 8, groups)
         assert sum(each.sum() for each in sampling) == pytest.approx(population)
         totals.append(part.total)
         variances.append(part.variance + part.noise_variance)
@@ -214,3 +214,37 @@ def test_shared_looks():
     # Pixels that were not kept are not seen.
     assert shared_looks(4000, [10], [20], [1], again=True) == [(10, 1)]
     assert shared_looks(100, [], [], [], again=True) == []
+
+
+def test_the_variance_of_a_product_of_looks_whose_channels_share_their_noise():
+    """Of any error, from single pairs of looks, on average; the larger the error the more noise counts."""
+    rng = np.random.default_rng(10)
+    mixing = np.array([[0.1, 0.0, 0.0], [0.08, 0.02, 0.0], [0.05, 0.0, 0.1]])
+    for error in (np.zeros(3), np.array([0.1, -0.05, 0.2])):
+        first, last = (error + rng.standard_normal((200_000, 3)) @ mixing.T for _ in range(2))
+        products = (first * last).sum(axis=1)
+        assert product_variances(first, last).mean() == pytest.approx(products.var(), rel=0.03)
+
+
+@pytest.mark.parametrize("rays", [1, 2, 5, 16, 64])
+def test_what_rays_may_have_missed_where_all_pixels_were_screened(rays):
+    """By brute force: whichever pixels of equal error pass all their rays with the chance of the tail."""
+    pixels = np.arange(1, 200)
+    errors = 1.0 - 0.025 ** (1.0 / (rays * pixels))
+    assert ((1.0 - errors) ** (rays * pixels)) == pytest.approx(0.025)
+    assert hidden(rays) * -math.log(0.025) == pytest.approx((pixels * errors**2).max())
+    assert limits(Part(0.0, 0.0, 0.0, hidden(rays)))[1] == pytest.approx((pixels * errors**2).max())
+
+
+def test_noise_that_few_pixels_have_counts_for_more():
+    assert noise_of(np.array([1.0])) == 2.0
+    assert noise_of(np.full(100, 0.01)) == pytest.approx(1.01)
+    assert noise_of(np.zeros(0)) == 0.0
+
+
+def test_what_is_left_of_the_looks_takes_noise_off():
+    assert looks_again(90, [10, 10], [1, 1]) == [5, 5]
+    assert looks_again(90, [10, 10], [1, 8]) == [2, 8]
+    assert looks_again(-5, [10], [1]) == [1]
+    assert looks_again(90, [10, 0], [1, 0]) == [10, 1]
+    assert looks_again(90, [], []) == []

@@ -23,7 +23,7 @@ from strata.tests.measure.scenes import lamp, random_scene, shot_of
 
 SCENES = 50
 PROBES = 256
-VIEWS = 32  # of each half, through every pixel; the halves' product is free of their noise
+VIEWS = 256  # of each half, through every pixel; the halves' product is free of their noise
 
 # What scenes are baked with, in turn: bad settings too.
 SETTINGS = [
@@ -69,13 +69,16 @@ class Truth:
         told = probed.rays, probed.outline, probed.layer, probed.layers, probed.casters
         truth = partial(probed.layer.kind.score.truth, *told)
         looked = finished(seen(probed, truth, np.arange(probed.image.size), VIEWS, 1, 99, 2))
-        self.values, self.light = looked.truth[0, ..., 0], looked.multiplied @ LUMINANCE
+        light = looked.multiplied @ LUMINANCE
+        self.used, self.light = (
+            each.reshape(len(light), 2, VIEWS).mean(axis=2)
+            for each in (looked.truth[0, ..., 0] * light, light)
+        )
 
     def error(self, image: np.ndarray) -> float:
         """By the definition: over the pixels that the lamp would light."""
         whole = self.light.mean(axis=1)
-        errors = (image.reshape(-1, 1).astype(np.float64) - self.values) * self.light
-        halves = errors.reshape(len(whole), 2, VIEWS).mean(axis=2)
+        halves = image.reshape(-1, 1).astype(np.float64) * self.light - self.used
         shares = halves[whole > 0.0] / (whole + mean_brightness(whole[whole > 0.0]))[whole > 0.0, None]
         return float(np.sqrt(max(shares.prod(axis=1).mean(), 0.0)))
 

@@ -1,5 +1,7 @@
 """How pixels are sorted and chosen, against brute force."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from strata.addon.core.random import hash_bits
@@ -96,3 +98,21 @@ def test_near_changes_against_brute_force():
         expected = any(abs(y - b) + abs(x - a) <= 1 for b, a in beside)
         widened = any(max(abs(y - b), abs(x - a)) <= 2 for b, a in beside)
         assert widened >= near[y, x] >= expected
+
+
+def test_one_pixel_beside_a_lamp_does_not_make_all_others_dark():
+    values, weights = layer()
+    expected = scaling_codes(values, weights, is_binary=True)
+    weights[20, 30] = 1e6
+    changed = scaling_codes(values, weights, is_binary=True) != expected
+    assert np.flatnonzero(changed.reshape(HEIGHT, WIDTH)[:, 40:]).size == 0
+
+
+def test_kinds_of_a_layer_do_not_take_much_memory():
+    """Bytes a pixel at once, beside the layer and what it multiplies: of float32 and booleans."""
+    values, weights = (np.tile(each, (10, 10)) for each in layer())
+    tracemalloc.start()
+    list(strata_of(scaling_codes(values, weights, is_binary=True), priority))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak <= 24 * values.size
