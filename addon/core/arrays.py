@@ -116,19 +116,38 @@ def same_arrays(a: MeshArrays, b: MeshArrays) -> bool:
     return all(x is second[name] or np.array_equal(x, second[name]) for name, x in first.items())
 
 
-def reusing(new: Arrays, old: Arrays, pairs: Iterable[tuple[int, int]]) -> Arrays:
-    """`new` with the meshes of `old` wherever they have the same numbers, so that devices need not take them
-    again; `pairs` are indices of meshes that may be the same, in `new` and in `old`. Textures likewise."""
-    meshes = list(new.meshes)
-    for mine, other in pairs:
-        if same_arrays(meshes[mine], old.meshes[other]):
-            meshes[mine] = old.meshes[other]
-    before = list(old.textures.values())
-    textures = {
-        index: next((kept for kept in before if np.array_equal(kept, texels)), texels)
-        for index, texels in new.textures.items()
-    }
-    return replace(new, meshes=tuple(meshes), textures=textures)
+Pairs = Iterable[tuple[int, int]]
+"""Indices of what may be the same, in new arrays and in old ones."""
+
+
+def reusing(new: Arrays, old: Arrays, meshes: Pairs, textures: Pairs) -> Arrays:
+    """`new` with the meshes and textures of `old` wherever they have the same numbers, and its opacities
+    where these have the same texels, so that devices need not take them again."""
+    kept_meshes = list(new.meshes)
+    for mine, other in meshes:
+        if same_arrays(kept_meshes[mine], old.meshes[other]):
+            kept_meshes[mine] = old.meshes[other]
+    kept = dict(new.textures)
+    for mine, other in textures:
+        before = old.textures.get(other)
+        if mine in kept and before is not None and np.array_equal(kept[mine], before):
+            kept[mine] = before
+    instead = {id(texels): kept[index] for index, texels in new.textures.items()}
+    known = {_content(each): each for sides in old.opacities for each in (*sides.seen, *sides.casts)}
+
+    def reused(opacity: OpacityArrays) -> OpacityArrays:
+        opacity = replace(opacity, texels=instead.get(id(opacity.texels), opacity.texels))
+        return known.setdefault(_content(opacity), opacity)
+
+    opacities = tuple(
+        Opacities(tuple(map(reused, sides.seen)), tuple(map(reused, sides.casts))) for sides in new.opacities
+    )
+    return replace(new, meshes=tuple(kept_meshes), opacities=opacities, textures=kept)
+
+
+def _content(opacity: OpacityArrays) -> tuple:
+    """The same for those with the same array of texels."""
+    return opacity.value, id(opacity.texels), opacity.by_corner, opacity.threshold
 
 
 def bytes_of(value: Any) -> int:

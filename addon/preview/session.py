@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import count
 from typing import Any
@@ -15,7 +16,7 @@ from ..core.effect import Effect
 from ..core.executor import Executor
 from ..core.free_memory import free_bytes
 from ..core.graph import Graph
-from ..core.outline import Light, Outline
+from ..core.outline import Image, Light, Mesh, Outline
 from ..core.shot import Shot
 from ..devices.start import Devices, start_devices
 from ..effects.shared.coarse_picture import seen_boxes
@@ -90,13 +91,12 @@ class Session:
         return True
 
     def _take(self, found: Scan) -> None:
-        """A whole new scan; meshes that are still the same stay with the devices."""
+        """A whole new scan; meshes and textures that are still the same stay with the devices."""
         arrays = extract(found)
         if self._arrays is not None:
-            before = {mesh.key: index for index, mesh in enumerate(self.outline.meshes)}
-            keys = [mesh.key for mesh in found.outline.meshes]
-            pairs = [(index, before[key]) for index, key in enumerate(keys) if key in before]
-            arrays = reusing(arrays, self._arrays, pairs)
+            meshes = _pairs(found.outline.meshes, self.outline.meshes)
+            textures = _pairs(found.outline.images, self.outline.images)
+            arrays = reusing(arrays, self._arrays, meshes, textures)
         outline = with_known_clips(replace(found.outline, version=next(_versions)), arrays)
         if self._arrays is not None and _same(outline, arrays, self.outline, self._arrays):
             # Told of, and yet all as before; then what is known of the instances still holds.
@@ -159,6 +159,12 @@ class Session:
 
     def release(self) -> None:
         self.executor.release()
+
+
+def _pairs(new: Sequence[Mesh | Image], old: Sequence[Mesh | Image]) -> list[tuple[int, int]]:
+    """Indices of those with the same key, in the one and in the other."""
+    before = {each.key: index for index, each in enumerate(old)}
+    return [(index, before[each.key]) for index, each in enumerate(new) if each.key in before]
 
 
 def _same(new: Outline, arrays: Arrays, old: Outline, before: Arrays) -> bool:
