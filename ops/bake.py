@@ -9,7 +9,7 @@ import bpy
 
 from ..addon.audit.audit import audited, kept_scene
 from ..addon.bake import Baked, BakeJob, read_job
-from ..addon.core.errors import Cancelled, one_line, sentence
+from ..addon.core.errors import Cancelled, StrataError, one_line, sentence
 from ..addon.job import Runner, run_to_end
 from ..addon.layers.exr import check_codec, write_layers
 from ..addon.layers.files import check_writable
@@ -129,7 +129,10 @@ class STRATA_OT_bake(bpy.types.Operator):
         if self._path and (warning := room_warning(self._path, job, self._exr)):
             self.report({"WARNING"}, warning)
         if scene.strata.audit:
-            self._kept_scene = kept_scene(scene, context.view_layer)
+            try:
+                self._kept_scene = kept_scene(scene, context.view_layer)
+            except StrataError as error:
+                self.report({"WARNING"}, f"Not held against Cycles: {one_line(error)}")
         return job
 
     def _write(self, baked: Baked) -> Baked:

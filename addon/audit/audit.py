@@ -44,13 +44,15 @@ _SHADOWS = {"surface": (False, True), "airlight": (True,)}
 
 @dataclass(frozen=True)
 class Scene:
-    """What is open, for another Blender to open: `file` holds it as it is now, `folder` is to be written to.
-    Made on the main thread, by `kept_scene`."""
+    """What is open, for another Blender to open: `file` holds it as it is now, `folder` is to be written to;
+    `scene` by its name with its library; `camera` is who was asked for in place of the scene's own. Made on
+    the main thread, by `kept_scene`."""
 
     file: Path
     folder: tempfile.TemporaryDirectory
     scene: str
     view_layer: str
+    camera: str | None
     program: tuple[str, ...]
     runs_scripts: bool
 
@@ -61,18 +63,31 @@ class Scene:
         self.folder.cleanup()
 
 
-def kept_scene(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, runs_scripts: bool = False) -> Scene:
-    """Saves a copy where what is open differs from its file. Its folder is gone with it."""
-    folder = tempfile.TemporaryDirectory(prefix="strata_audit_")
+def kept_scene(
+    scene: bpy.types.Scene,
+    view_layer: bpy.types.ViewLayer,
+    camera: str | None = None,
+    is_untouched: bool = False,
+    runs_scripts: bool | None = None,
+) -> Scene:
+    """Saves a copy, unless what is open `is_untouched` since it was read (Blender does not know of what
+    Python did). Its folder is gone with it. `runs_scripts`: whether the other Blender may, None for what this
+    one's preferences say. Raises StrataError where nothing can be saved."""
     file = Path(bpy.data.filepath)
-    if bpy.data.is_dirty or not bpy.data.filepath:
-        file = Path(folder.name) / "scene.blend"
-        bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True, compress=False)
+    try:
+        folder = tempfile.TemporaryDirectory(prefix="strata_audit_")
+        if not is_untouched:
+            file = Path(folder.name) / "scene.blend"
+            bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True, compress=False)
+    except (OSError, RuntimeError) as error:
+        raise StrataError(f"no copy of the scene can be saved ({' '.join(str(error).split())})") from None
+    if runs_scripts is None:
+        runs_scripts = bpy.context.preferences.filepaths.use_scripts_auto_execute
     blender = bpy.app.binary_path
     program = (blender, "--background", "--factory-startup", "--python", str(PROGRAM), "--")
     if not blender:  # Blender as a Python module
         program = (sys.executable, str(PROGRAM))
-    return Scene(file, folder, scene.name, view_layer.name, program, runs_scripts)
+    return Scene(file, folder, scene.name_full, view_layer.name, camera, program, runs_scripts)
 
 
 def audited(
@@ -86,12 +101,16 @@ def audited(
     """The same bake with audits in its report, or with a warning that says why there are none: it never costs
     a layer. Any thread may call it. `show` is told the share that is done. Raises Cancelled."""
     try:
-        audits, warnings = _audits(baked, scene, outline, graph, is_cancelled, show)
+        return _told(baked, *_audits(baked, scene, outline, graph, is_cancelled, show))
     except (Cancelled, KeyboardInterrupt):
         raise
     except Exception as error:
-        audits, warnings = {}, [f"not held against Cycles: {one_line(error)}"]
-    return _told(baked, audits, warnings)
+        return not_audited(baked, error)
+
+
+def not_audited(baked: Baked, error: Exception) -> Baked:
+    """With a warning that says why."""
+    return _told(baked, {}, [f"not held against Cycles: {one_line(error)}"])
 
 
 def _audits(baked, scene, outline, graph, is_cancelled, show) -> tuple[dict[str, Audit], list[str]]:
@@ -130,6 +149,8 @@ def _audits(baked, scene, outline, graph, is_cancelled, show) -> tuple[dict[str,
             errors = of_added(pixels, *found)
         if errors is None:
             warnings.append(f"{layer.name} is not held against Cycles: nothing of its light is there")
+        elif not np.isfinite(errors).all():
+            warnings.append(f"{layer.name} is not held against Cycles: it is not finite everywhere")
         else:
             audits[layer.name] = audit_of(errors, len(SEEDS) * SAMPLES, seconds)
     return audits, warnings
@@ -159,7 +180,7 @@ def _request(scene: Scene, outline: Outline, graph: Graph, grid: Grid, renders: 
         "scene": scene.scene,
         "view_layer": scene.view_layer,
         "frame": outline.frame,
-        "camera": {"name": raster.camera.name, "window": grid.window(raster)},
+        "camera": {"asked": scene.camera, "name": raster.camera.name, "window": grid.window(raster)},
         "size": grid.count,
         "pixel_aspect": raster.pixel_aspect,
         "filter": {"kind": pixel_filter.kind, "width": grid.filter_width(pixel_filter)},

@@ -26,7 +26,7 @@ def main(path: str) -> None:
         import addon_utils
 
         addon_utils.enable("cycles")
-    scene = bpy.data.scenes[request["scene"]]
+    scene = next(each for each in bpy.data.scenes if each.name_full == request["scene"])
     view_layer = scene.view_layers[request["view_layer"]]
     scene.frame_set(request["frame"])
     set_up(scene, view_layer, request)
@@ -110,10 +110,12 @@ def set_up(scene, view_layer, request: dict) -> None:
 
 def camera_of(scene, asked: dict):
     """The scene's, which moves as it does, with the window of what is asked for."""
-    camera = bpy.data.objects[asked["name"]].copy()
+    camera = bpy.data.objects[asked["asked"]] if asked["asked"] else scene.camera
+    if camera.name != asked["name"]:
+        raise SystemExit(f"the scene's camera is '{camera.name}' here, not '{asked['name']}'")
+    camera = camera.copy()
     camera.data = camera.data.copy()
     camera.data.animation_data_clear()
-    scene.collection.objects.link(camera)
     left, right, bottom, top = asked["window"]
     data, width = camera.data, right - left
     lens = data.lens

@@ -142,6 +142,82 @@ def test_instances_of_a_lamp_are_told(plate):
     assert any("instances show its lamp" in warning for warning in found.report.warnings)
 
 
+def test_what_python_changed_is_seen(plate, tmp_path):
+    """In the background Blender does not notice that what is open differs from its file."""
+    path = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.data.objects["Plane.001"].location.x += 1.0
+    (found,) = audits(job_of((160, 90))).values()
+    assert found["value"] < RIGHT
+
+
+def test_drivers_that_are_trusted_are_trusted_there_too(plate, tmp_path):
+    item = bpy.data.objects["Plane.001"]
+    driver = item.driver_add("location", 0).driver
+    driver.expression = "sum(range(1, 2)) + 0 * frame"  # needs Python
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    report = tmp_path / "report.json"
+    words = [
+        "bake",
+        str(tmp_path / "scene.blend"),
+        "-o",
+        str(tmp_path / "out.exr"),
+        "--audit",
+        "--trust-scripts",
+    ]
+    words += [
+        "--report",
+        str(report),
+        "--backend",
+        "cpu",
+        "--size",
+        "160x90",
+        "--samples",
+        "16",
+        "--probes",
+        "0",
+    ]
+    assert main([*words, "--set", "soft_shadow.method=hybrid"]) == 0
+    (layer,) = json.loads(report.read_text())["layers"]
+    assert layer["audit"]["value"] < RIGHT
+
+
+def test_a_linked_scene_and_its_own_camera(plate, tmp_path):
+    """There is a local camera of the same name, which looks elsewhere."""
+    bpy.data.objects["Camera"].name = "Eye"
+    library = tmp_path / "library.blend"
+    plate.name = "Linked"
+    bpy.ops.wm.save_as_mainfile(filepath=str(library))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(library), link=True) as (_there, here):
+        here.scenes = ["Linked"]
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("Eye", bpy.data.cameras.new("Eye")))
+    scene = next(each for each in bpy.data.scenes if each.name == "Linked")
+    options = Options(
+        ("soft_shadow",), "cpu", samples=16, probes=0, values={"soft_shadow": {"method": "hybrid"}}
+    )
+    job = read_job(scene, scene.view_layers[0], lambda _: options, size=(160, 90))
+    with kept_scene(scene, scene.view_layers[0]) as kept:
+        found = audited(job.result(), kept, job.outline, job.graph)
+    (layer,) = found.report.layers
+    assert layer.audit is not None, found.report.warnings
+    assert layer.audit.value < RIGHT
+
+
+def test_a_copy_that_cannot_be_saved_costs_no_layer(monkeypatch, tmp_path):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(module.tempfile, "TemporaryDirectory", full)
+    report, out = tmp_path / "report.json", tmp_path / "out.exr"
+    words = ["bake", str(SAMPLES / "stacked.blend"), "-o", str(out), "--audit", "--report", str(report)]
+    assert main([*words, "--backend", "cpu", "--size", "32x18", "--samples", "1", "--probes", "0"]) == 0
+    assert out.is_file()
+    assert any(
+        "not held against Cycles: no copy" in each for each in json.loads(report.read_text())["warnings"]
+    )
+
+
 def test_a_program_that_fails_costs_no_layer(plate, monkeypatch, tmp_path):
     broken = tmp_path / "program.py"
     broken.write_text("raise SystemExit('no Cycles here')\n", encoding="utf-8")
