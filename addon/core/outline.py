@@ -141,8 +141,8 @@ class Opacity:
     """How much of what meets one side of a surface is stopped: 1 all of it, 0 nothing.
 
     `value` everywhere, or `image`, an index into `Outline.images` sampled by the mesh's UV map,
-    repeated and bilinear; then `value` is not used. Either times `corners`, the name of an attribute of
-    points or corners (with `.alpha` behind it a colour attribute's alpha, else a colour's luminance); empty:
+    repeated and bilinear; then `value` is not used. Either times `corners`, the name of what is calculated
+    from attributes of the mesh (`Images.corners` in addon/scene/materials.py), between them linear; empty:
     times nothing. With a `threshold` above 0 it is a clip: 1 where all that is at least so much, else 0.
     """
 

@@ -28,7 +28,7 @@ def corner_opacity(
         chosen = np.isin(of_corner, slots)
         found[chosen] = numbers[chosen]
     for name in sorted(corners.missing):
-        warnings.append(f"object '{owner}': it has no attribute '{name}', which counts as 0")
+        warnings.append(f"object '{owner}': it has no {name}, which counts as 0")
     return found
 
 
@@ -51,7 +51,7 @@ class Corners:
         read = self._read(source.name or self._source.color_attributes.default_color_name)
         count, is_many = len(self._mesh.corner_vertices), source.output in {"Color", "Vector"}
         if read is None:
-            self.missing.add(source.name or "of colour")
+            self.missing.add(f"attribute '{source.name}'" if source.name else "colour attribute")
             return np.zeros((count, 3) if is_many else count)
         width = read.shape[1]
         if source.output == "Alpha":

@@ -31,8 +31,8 @@ def milliseconds(seconds: float) -> str:
     return significant(1e3 * seconds, 3)
 
 
-def rmse(error: float) -> str:
-    return f"{error:.4f}"
+def rmse(error: float | None) -> str:
+    return "not known" if error is None else f"{error:.4f}"
 
 
 def times(ratio: float) -> str:

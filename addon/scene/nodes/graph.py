@@ -10,6 +10,9 @@ import bpy
 from .registry import VALUES
 from .values import COLOUR, FLOAT, VECTOR, Value, constant, converted, number, unread
 
+DEEPEST = 100
+"""Nodes in a chain: each takes some levels of Python's stack, when it is read and when it is evaluated."""
+
 _KINDS = {"VALUE": FLOAT, "INT": FLOAT, "BOOLEAN": FLOAT, "RGBA": COLOUR, "VECTOR": VECTOR}
 _ZERO = {FLOAT: 0.0, COLOUR: [0.0] * 3, VECTOR: [0.0] * 3}
 
@@ -34,6 +37,7 @@ class Graph:
     asked: set[str] = field(default_factory=set)
     warnings: dict[str, None] = field(default_factory=dict)
     _known: dict[tuple, Value] = field(default_factory=dict)
+    _depth: int = 0
 
     def tell(self, warning: str) -> None:
         self.warnings[warning] = None
@@ -68,7 +72,15 @@ class Graph:
     def _output(self, node: bpy.types.Node, output: bpy.types.NodeSocket, path: Path) -> Value:
         key = (node.as_pointer(), output.identifier, *(group.as_pointer() for group in path))
         if key not in self._known:
-            self._known[key] = self._read(node, output, path)
+            if self._depth >= DEEPEST:
+                return unread(
+                    _KINDS.get(output.type, FLOAT), f"node '{node.name}' (more than {DEEPEST} in a chain)"
+                )
+            self._depth += 1
+            try:
+                self._known[key] = self._read(node, output, path)
+            finally:
+                self._depth -= 1
         return self._known[key]
 
     def _read(self, node: bpy.types.Node, output: bpy.types.NodeSocket, path: Path) -> Value:

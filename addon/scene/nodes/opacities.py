@@ -71,7 +71,7 @@ def _clip_of(value: Value) -> tuple[Value, float] | None:
     """What a value steps on from 0 to 1, and where: 1 exactly where that is at least so much. The innermost
     such, so that a texture is interpolated first and compared then, as in Cycles."""
     chain, part = [], value
-    while True:
+    while part.texture is None:  # where it is looked up tells nothing of what is found there
         varying = {each.key: each for each in part.inputs if not each.is_constant}
         if len(varying) != 1:
             break
