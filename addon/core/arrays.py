@@ -130,8 +130,9 @@ def reusing(new: Arrays, old: Arrays, meshes: Pairs, textures: Pairs) -> Arrays:
     kept = dict(new.textures)
     for mine, other in textures:
         before = old.textures.get(other)
-        if mine in kept and before is not None and np.array_equal(kept[mine], before):
-            kept[mine] = before
+        if mine in kept and before is not None:
+            texels = kept[mine]
+            kept[mine] = before if texels is before or np.array_equal(texels, before) else texels
     instead = {id(texels): kept[index] for index, texels in new.textures.items()}
     known = {_content(each): each for sides in old.opacities for each in (*sides.seen, *sides.casts)}
 

@@ -22,6 +22,7 @@ from ..devices.start import Devices, start_devices
 from ..effects.shared.coarse_picture import seen_boxes
 from ..planning import Options, plan_scene
 from ..scene.extract import extract, with_known_clips
+from ..scene.known_texels import KnownTexels
 from ..scene.rescan import Changes, patched
 from ..scene.scan import Scan, ScanOptions, scan
 from ..scene.viewport import Placement, hides_objects, shown_in
@@ -53,6 +54,7 @@ class Session:
         self.changes = Changes(all=True)
         self._scan: Scan | None = None
         self._arrays: Arrays | None = None
+        self._texels = KnownTexels()
         self._content: tuple | None = None
         self.wanted: dict[int, tuple[Graph, ...]] = {}  # what each viewport may run again, by its id
         self._coarse_pictures: dict[tuple, np.ndarray] = {}
@@ -92,7 +94,7 @@ class Session:
 
     def _take(self, found: Scan) -> None:
         """A whole new scan; meshes and textures that are still the same stay with the devices."""
-        arrays = extract(found)
+        arrays = extract(found, known=self._texels)
         if self._arrays is not None:
             meshes = _pairs(found.outline.meshes, self.outline.meshes)
             textures = _pairs(found.outline.images, self.outline.images)

@@ -12,10 +12,10 @@ from ..core.arrays import OPAQUE, Arrays, MeshArrays, Opacities, OpacityArrays
 from ..core.outline import BothSides, Instance, Material, Opacity, Outline
 from .corner_values import corner_opacity, moved_uvs, placed_uvs
 from .displacement import displaced
+from .known_texels import KnownTexels
 from .made_mesh import MadeMesh
 from .mesh_arrays import mesh_arrays, no_faces
 from .nodes.pictures import Placement
-from .pixels import pixels_of
 from .scan import Scan
 from .vertex_values import vertex_values
 
@@ -29,11 +29,16 @@ VERTEX = "vertex:"
 WANTS = frozenset({CORNER_NORMALS, UV, OPACITY, BASE_COLOR})
 
 
-def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[int] | None = None) -> Arrays:
+def extract(
+    scan: Scan,
+    wants: Collection[str] = WANTS,
+    instances: Collection[int] | None = None,
+    known: KnownTexels | None = None,
+) -> Arrays:
     """Arrays of the meshes that `instances` (indices; None: all) show; other meshes stay empty. `wants` is a
     subset of `WANTS`: `CORNER_NORMALS` of smooth meshes, `UV` of meshes with a material that samples a
     texture, texels for `BASE_COLOR`, texels and factors of corners for `OPACITY`; and may have any `VERTEX`
-    with a name."""
+    with a name. `known`: texels of the extraction before, which then are those of this one."""
     outline = scan.outline
     warnings: list[str] = []
     first = _first_instances(outline)
@@ -67,7 +72,7 @@ def extract(scan: Scan, wants: Collection[str] = WANTS, instances: Collection[in
             else mesh
             for index, mesh in enumerate(meshes)
         )
-    textures = _textures(scan, wants, warnings)
+    textures = _textures(scan, wants, known or KnownTexels(), warnings)
     matrices = np.array([instance.matrix for instance in outline.instances], np.float64).reshape(-1, 4, 4)
     return Arrays(meshes, matrices, _opacities(outline, textures), textures, tuple(warnings))
 
@@ -101,26 +106,18 @@ def _textured_meshes(outline: Outline, wants: Collection[str]) -> frozenset[int]
     return frozenset(i.mesh for i in outline.instances if not sampling.isdisjoint(i.materials))
 
 
-def _textures(scan: Scan, wants: Collection[str], warnings: list[str]) -> dict[int, np.ndarray]:
+def _textures(
+    scan: Scan, wants: Collection[str], known: KnownTexels, warnings: list[str]
+) -> dict[int, np.ndarray]:
     outline = scan.outline
     wanted: dict[int, str] = {}
     for material in outline.materials:
         for image in _images_of(material, wants):
             wanted.setdefault(image, material.name)
-    loaded: dict[int, np.ndarray | None] = {}
-
-    def load(image: bpy.types.Image) -> np.ndarray | None:
-        if image.session_uid not in loaded:
-            loaded[image.session_uid] = pixels_of(image)
-        return loaded[image.session_uid]
-
-    textures = {}
-    for index, material_name in sorted(wanted.items()):
-        texels, told = scan.image_sources[index].texels(load)
-        if texels is not None:
-            textures[index] = texels
-        warnings.extend(f"material '{material_name}': {warning}" for warning in told)
-    return textures
+    read = known.read({index: scan.image_sources[index] for index in sorted(wanted)})
+    for index, (_texels, told) in read.items():
+        warnings.extend(f"material '{wanted[index]}': {warning}" for warning in told)
+    return {index: texels for index, (texels, _told) in read.items() if texels is not None}
 
 
 def _opacities(outline: Outline, textures: dict[int, np.ndarray]) -> tuple[Opacities, ...]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
+from hashlib import sha256
 
 import bpy
 import mathutils
 import numpy as np
 
-from .tiles import tiled_pixels
+from .tiles import tiled_pixels, tiles_content
 
 _LINEAR_REC709 = {"Linear Rec.709", "Linear"}
 
@@ -35,6 +36,15 @@ def pixels_of(image: bpy.types.Image) -> np.ndarray | None:
     whole = np.ones((height, width, 4), np.float32)
     whole[..., :3] = pixels
     return whole
+
+
+def content_of(image: bpy.types.Image) -> tuple:
+    """Differs wherever `pixels_of`, or what `channel_of` makes of it, may."""
+    kind = image.alpha_mode, image.colorspace_settings.name, image.is_float
+    if image.source == "TILED":
+        return (*kind, *tiles_content(image))
+    pixels = pixels_of(image)
+    return (*kind, None) if pixels is None else (*kind, pixels.shape, sha256(pixels).digest())
 
 
 def channel_of(

@@ -14,6 +14,7 @@ from strata.addon.preview.budget import Budget
 from strata.addon.preview.session import Session
 from strata.addon.preview.viewport import Viewport
 from strata.addon.scene.cameras import camera_of
+from strata.addon.scene.nodes.pictures import Picture
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.viewport import Placement, hides_objects
 from strata.tests.support.places import SAMPLES
@@ -214,6 +215,47 @@ def test_an_edited_mesh_alone_is_taken_again(still):
     after = still.session._arrays
     assert ran["geometry"] == 1
     assert sum(new is not old for new, old in zip(after.meshes, before.meshes, strict=True)) == 1
+
+
+def test_a_picture_is_evaluated_again_once_its_image_is_painted(still, monkeypatch):
+    """And not where a mesh is edited, though then the whole scene is read again."""
+    thing = next(o for o in still.scene.objects if o.type == "MESH" and o.data.users == 1)
+    image = bpy.data.images.new("Leaf", 8, 8)
+    material = bpy.data.materials.new("Leaf")
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    texture, half = nodes.new("ShaderNodeTexImage"), nodes.new("ShaderNodeMath")
+    texture.image, half.operation, half.inputs[1].default_value = image, "MULTIPLY", 0.5
+    links.new(texture.outputs["Color"], half.inputs[0])
+    links.new(half.outputs[0], nodes["Principled BSDF"].inputs["Alpha"])
+    evaluated, texels = [], Picture.texels
+    monkeypatch.setattr(Picture, "texels", lambda *asked: evaluated.append(asked) or texels(*asked))
+
+    def assign():
+        thing.data.materials.clear()
+        thing.data.materials.append(material)
+
+    def edit():
+        thing.data.vertices[0].co.x += 0.1
+        thing.data.update()
+
+    def paint():
+        image.pixels[0] = 1.0
+        image.update_tag()
+
+    def opacity() -> np.ndarray:
+        sides = next(each for each in still.session._arrays.opacities if each.seen[0].texels is not None)
+        return sides.seen[0].texels
+
+    still.edited(assign)
+    assert len(evaluated) == 1
+    before, version = opacity(), still.session.version
+    still.edited(edit)
+    assert still.session.version != version
+    assert len(evaluated) == 1
+    assert opacity() is before
+    still.edited(paint)
+    assert len(evaluated) == 2
+    assert opacity()[0, 0] > before[0, 0]
 
 
 def test_a_hidden_object_is_gone(still):

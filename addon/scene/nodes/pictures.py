@@ -91,6 +91,16 @@ class Picture:
     placement: Placement
 
     @property
+    def key(self) -> str:
+        """The same for equal ones; of what their images hold, it tells nothing."""
+        return f"{self.value.key}#{self.value.kind}#{self.placement}"
+
+    @property
+    def images(self) -> list[bpy.types.Image]:
+        """All that it looks up, each once."""
+        return list({part.texture.image.session_uid: part.texture.image for part in self._lookups()}.values())
+
+    @property
     def names(self) -> list[str]:
         return sorted({part.texture.name for part in self._lookups()})
 
