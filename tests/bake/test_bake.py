@@ -66,7 +66,10 @@ def test_every_planned_layer_of_every_scene_is_there_and_finite(path, backend):
     assert [layer["name"] for layer in report["layers"]] == list(layers)
     for layer in report["layers"]:
         low, high = layer["error"]["ci95"]
-        assert 0.0 <= low <= layer["error"]["value"] <= high
+        assert 0.0 <= low <= layer["error"]["value"]
+        # It is not known how wrong a layer is where parts of the scene are missing.
+        assert (high is None) == bool(outline.unknown)
+        assert high is None or layer["error"]["value"] <= high
         assert layer["non_finite"] == 0
         assert layer["seconds"] <= layer["seconds_alone"] * (1 + 1e-9)
     # Nothing that was planned for the GPU silently ran elsewhere.
