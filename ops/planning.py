@@ -28,6 +28,7 @@ def read_plan(
 ) -> tuple[Outline, Graph, MemoryEstimate]:
     """Scans the scene as F12 would see it and plans, and says what baking that takes; extracts nothing. As
     `read_job`, only on the main thread. A bake's closer look may yet leave out layers."""
+    from ..addon.scene.extract import texel_bytes
     from ..addon.scene.render_depsgraph import with_render_depsgraph
     from ..addon.scene.scan import Scan, ScanOptions, scan
 
@@ -39,7 +40,8 @@ def read_plan(
     scanned, options = with_render_depsgraph(scene, view_layer, read, frame, camera)
     outline = scanned.outline
     graph = plan_scene(outline, scanned.shot, options)
-    return outline, graph, groups_of(outline, graph, options, held_bytes())[1]
+    held = held_bytes() + texel_bytes(outline, graph.wants)  # as when a bake has read them
+    return outline, graph, groups_of(outline, graph, options, held)[1]
 
 
 def described_plan(

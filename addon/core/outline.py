@@ -127,13 +127,20 @@ def emitter_measure(emitter: Emitter) -> float:
 @dataclass(frozen=True)
 class Image:
     """One picture that a material's nodes make, of one image or of several: `channel` is 'COLOR' or, as a
-    single float, 'VALUE'. It `repeats` if it is the same in every unit square of texture coordinates. Whether
-    it can be read shows when it is (see `Arrays.textures`)."""
+    single float, 'VALUE'. It `repeats` if it is the same in every unit square of texture coordinates. `size`:
+    width and height in texels. Whether it can be read shows when it is (see `Arrays.textures`)."""
 
     name: str
     key: str
     channel: str
     repeats: bool = True
+    size: tuple[int, int] = (0, 0)
+
+    @property
+    def nbytes(self) -> int:
+        """Of its texels."""
+        width, height = self.size
+        return 4 * width * height * (4 if self.channel == "COLOR" else 1)
 
 
 @dataclass(frozen=True)
@@ -204,6 +211,10 @@ class Material:
     def opacities(self) -> frozenset[Opacity]:
         """All that it has, of either side and for either use."""
         return frozenset((*self.seen, *self.casts))
+
+    @property
+    def opacity_images(self) -> frozenset[int]:
+        return frozenset(opacity.image for opacity in self.opacities if opacity.image is not None)
 
 
 @dataclass(frozen=True)

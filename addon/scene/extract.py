@@ -210,8 +210,14 @@ def _with_corner_opacity(
     return replace(mesh, corner_opacity=found)
 
 
+def texel_bytes(outline: Outline, wants: Collection[str]) -> int:
+    """What the textures of an extraction take."""
+    images = {image for material in outline.materials for image in _images_of(material, wants)}
+    return sum(outline.images[image].nbytes for image in images)
+
+
 def _images_of(material: Material, wants: Collection[str]) -> list[int]:
     """Those of it that are wanted."""
-    images = [opacity.image for opacity in material.opacities] if OPACITY in wants else []
-    images += [material.base_color_image] if BASE_COLOR in wants else []
-    return [image for image in images if image is not None]
+    images = list(material.opacity_images) if OPACITY in wants else []
+    has_colour = BASE_COLOR in wants and material.base_color_image is not None
+    return [*images, material.base_color_image] if has_colour else images

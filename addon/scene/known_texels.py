@@ -38,6 +38,7 @@ class KnownTexels:
             return contents[image.session_uid]
 
         used: dict[tuple, Read] = {}
+        last = {image.session_uid: index for index, each in pictures.items() for image in each.images}
         found = {}
         for index, picture in pictures.items():
             # What the nodes say is in linear colours of the working space.
@@ -50,5 +51,9 @@ class KnownTexels:
                 known = self._known.get(made_of)
                 used[made_of] = picture.texels(load) if known is None else known
             found[index] = used[made_of]
+            # Sixteen bytes a texel: only while some picture to come is made of them.
+            for image in picture.images:
+                if last[image.session_uid] == index:
+                    pixels.pop(image.session_uid, None)
         self._known = used
         return found

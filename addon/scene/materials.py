@@ -37,7 +37,7 @@ class Images:
             picture = Picture(value, placement)
             channel = "COLOR" if value.kind == COLOUR else "VALUE"
             name = ", ".join(picture.names) or "texture coordinates"
-            self.headers.append(Image(name, picture.key, channel, picture.repeats))
+            self.headers.append(Image(name, picture.key, channel, picture.repeats, picture.size()))
             self.sources.append(picture)
         return self._indices[key]
 

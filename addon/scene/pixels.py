@@ -14,6 +14,7 @@ from .tiles import tiled_pixels, tiles_content
 _LINEAR_REC709 = {"Linear Rec.709", "Linear"}
 
 
+_ROWS = 64  # converted at a time: the steps in between would take several times what an image does
 LARGEST = 4096  # texels a side of what is put together or evaluated
 
 
@@ -58,18 +59,27 @@ def channel_of(
         if image.alpha_mode == "NONE":
             return np.ones(pixels.shape[:2], np.float32), ""
         return np.ascontiguousarray(pixels[..., 3]), ""
-    encoded = pixels[..., :3]
+    height, width = pixels.shape[:2]
+    found = np.empty((height, width) if channel == "LUMINANCE" else (height, width, 4), np.float32)
+    weights, warning = luminance_weights().astype(np.float32), ""
+    for rows in (slice(start, start + _ROWS) for start in range(0, height, _ROWS)):
+        colours, warning = _scene_linear(_encoded(pixels[rows], image, is_straight), image)
+        if channel == "LUMINANCE":
+            found[rows] = colours @ weights
+        else:
+            found[rows, :, :3], found[rows, :, 3] = colours, pixels[rows, :, 3]
+    return found, warning
+
+
+def _encoded(pixels: np.ndarray, image: bpy.types.Image, is_straight: bool) -> np.ndarray:
+    """Colours (H, W, 3) as in the file, times alpha or not."""
+    encoded, alpha = pixels[..., :3], pixels[..., 3:]
     is_kept_straight = image.alpha_mode == "STRAIGHT"
-    if has_own_alpha(image) and is_straight != is_kept_straight:
-        alpha = pixels[..., 3:]
-        if is_straight:
-            encoded = np.where(alpha > 0.0, encoded / np.where(alpha > 0.0, alpha, 1.0), encoded)
-        elif (alpha != 1.0).any():
-            encoded = encoded * alpha
-    colours, warning = _scene_linear(encoded, image)
-    if channel == "LUMINANCE":
-        return np.ascontiguousarray(colours @ luminance_weights().astype(np.float32)), warning
-    return np.concatenate([colours, pixels[..., 3:]], axis=2), warning
+    if not has_own_alpha(image) or is_straight == is_kept_straight:
+        return encoded
+    if is_straight:
+        return np.where(alpha > 0.0, encoded / np.where(alpha > 0.0, alpha, 1.0), encoded)
+    return encoded * alpha
 
 
 def has_own_alpha(image: bpy.types.Image) -> bool:

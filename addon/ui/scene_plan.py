@@ -17,6 +17,7 @@ import bpy
 from ..core.errors import StrataError, one_line
 from ..core.free_memory import held_bytes
 from ..planning import groups_of, plan_scene
+from ..scene.extract import texel_bytes
 from ..scene.render_visibility import rendered_objects, told_hidden
 from ..scene.rescan import Changes, patched
 from ..scene.scan import Scan, ScanOptions, TooLong, raster_of, scan
@@ -74,7 +75,8 @@ class ScenePlan:
             outline, shot, warnings = self._read(depsgraph)
             options = options_of(depsgraph.scene)
             graph = plan_scene(outline, shot, options)
-            memory = groups_of(outline, graph, options, held_bytes())[1]
+            held = held_bytes() + texel_bytes(outline, graph.wants)  # as when a bake has read them
+            memory = groups_of(outline, graph, options, held)[1]
             STATE.show_plan(scene, graph, memory, warnings)
         except TooLong:
             self.is_too_long = True

@@ -128,6 +128,37 @@ def test_what_a_bake_takes_is_told_within_a_half(name):
     assert told / 1.5 < report["peak_mb"] * MEBIBYTE < 1.5 * told
 
 
+TEXTURED = """
+import bpy
+from strata.addon.bake import bake
+from strata.addon.planning import Options
+from strata.ops.planning import read_plan
+bpy.ops.wm.read_factory_settings()
+scene = bpy.context.scene
+material = bpy.data.materials.new("Leaf")
+bpy.data.objects["Cube"].data.materials.clear()
+bpy.data.objects["Cube"].data.materials.append(material)
+nodes, links = material.node_tree.nodes, material.node_tree.links
+texture = nodes.new("ShaderNodeTexImage")
+texture.image = bpy.data.images.new("Leaf", 4096, 4096, alpha=True)
+for output, socket in (("Color", "Base Color"), ("Alpha", "Alpha")):
+    links.new(texture.outputs[output], nodes["Principled BSDF"].inputs[socket])
+values = {"soft_shadow": {"resolution": 256}}
+options = Options(("soft_shadow",), "cpu", samples=1, probes=0, composite=True, values=values)
+told = read_plan(scene, scene.view_layers[0], lambda scene: options, size=(320, 180))[2]
+report = bake(scene, scene.view_layers[0], options, size=(320, 180)).layers.report
+print(told.total, report["peak_mb"])
+"""
+
+
+def test_a_plan_tells_of_large_textures():
+    """As exactly as of all else, though it has not read them."""
+    done = subprocess.run([sys.executable, "-c", TEXTURED], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    told, peak_mb = map(float, done.stdout.splitlines()[-1].split())
+    assert told / 1.5 < peak_mb * MEBIBYTE < 1.5 * told
+
+
 def test_groups_hold_all_layers_once_and_keep_to_the_limit():
     outline, _ = tilted_quad_scene()
     graph = depth_graph(outline)

@@ -96,7 +96,10 @@ def _triangles(node: Node, outline: Outline) -> int:
 
 
 def _geometry_bytes(node: Node, outline: Outline) -> int:
-    return TRIANGLE_BYTES * sum(mesh.triangles for mesh in outline.meshes)
+    """Of meshes, and of opacities' texels: the device has its own."""
+    images = frozenset().union(*(material.opacity_images for material in outline.materials))
+    texels = sum(outline.images[image].nbytes for image in images)
+    return TRIANGLE_BYTES * sum(mesh.triangles for mesh in outline.meshes) + texels
 
 
 def _geometry_work(node: Node, outline: Outline) -> float:

@@ -136,6 +136,9 @@ class Picture:
 
     def size(self) -> tuple[int, int]:
         """Width and height of its texels: as fine as the finest image in it."""
+        if (plain := self._plain()) is not None and plain[0].image.source != "TILED":
+            width, height = plain[0].size
+            return _fineness(plain[0]) * width, _fineness(plain[0]) * height
         widths, heights = [], []
         for lookup in self._lookups():
             width, height = lookup.texture.size
