@@ -11,6 +11,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import strata_kernels
+from strata.addon.audit.score import audit_of
 from strata.addon.bake import bake
 from strata.addon.core.layers import Layer
 from strata.addon.core.metrics import mean_brightness
@@ -86,10 +87,8 @@ def _root(difference: np.ndarray, image: np.ndarray, where: np.ndarray) -> tuple
     """RMS of a difference (2, height, width) over image + mean image, and the noise of the halves' mean."""
     if not where.any():
         return 0.0, 0.0
-    first, second = difference[:, where] / (image[where] + mean_brightness(image[where]))
-    # The halves' noises are independent, so that the product's mean is the square without them.
-    square, noise = np.mean(first * second), 0.5 * np.sqrt(np.mean((first - second) ** 2))
-    return float(np.sqrt(max(square, 0.0))), float(noise)
+    found = audit_of(difference[:, where] / (image[where] + mean_brightness(image[where])), 0, 0.0)
+    return found.value, found.noise
 
 
 def silhouettes(scene, size: tuple[int, int]) -> np.ndarray:

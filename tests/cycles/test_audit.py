@@ -43,6 +43,12 @@ def audits(job: BakeJob, **more) -> dict[str, dict]:
     return {layer["name"]: layer.get("audit") for layer in found.layers.report["layers"]}
 
 
+def command(scene: Path, out: Path, report: Path, size: str, samples: int, probes: int) -> list[str]:
+    """Words that bake and audit on the CPU."""
+    words = ["bake", str(scene), "-o", str(out), "--audit", "--report", str(report), "--backend", "cpu"]
+    return [*words, "--size", size, "--samples", str(samples), "--probes", str(probes)]
+
+
 @pytest.fixture
 def plate():
     """A plate over a ground, both to be seen, in an unsaved file."""
@@ -157,27 +163,8 @@ def test_drivers_that_are_trusted_are_trusted_there_too(plate, tmp_path):
     driver.expression = "sum(range(1, 2)) + 0 * frame"  # needs Python
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     report = tmp_path / "report.json"
-    words = [
-        "bake",
-        str(tmp_path / "scene.blend"),
-        "-o",
-        str(tmp_path / "out.exr"),
-        "--audit",
-        "--trust-scripts",
-    ]
-    words += [
-        "--report",
-        str(report),
-        "--backend",
-        "cpu",
-        "--size",
-        "160x90",
-        "--samples",
-        "16",
-        "--probes",
-        "0",
-    ]
-    assert main([*words, "--set", "soft_shadow.method=hybrid"]) == 0
+    words = command(tmp_path / "scene.blend", tmp_path / "out.exr", report, "160x90", samples=16, probes=0)
+    assert main([*words, "--trust-scripts", "--set", "soft_shadow.method=hybrid"]) == 0
     (layer,) = json.loads(report.read_text())["layers"]
     assert layer["audit"]["value"] < RIGHT
 
@@ -210,8 +197,7 @@ def test_a_copy_that_cannot_be_saved_costs_no_layer(monkeypatch, tmp_path):
 
     monkeypatch.setattr(module.tempfile, "TemporaryDirectory", full)
     report, out = tmp_path / "report.json", tmp_path / "out.exr"
-    words = ["bake", str(SAMPLES / "stacked.blend"), "-o", str(out), "--audit", "--report", str(report)]
-    assert main([*words, "--backend", "cpu", "--size", "32x18", "--samples", "1", "--probes", "0"]) == 0
+    assert main(command(SAMPLES / "stacked.blend", out, report, "32x18", samples=1, probes=0)) == 0
     assert out.is_file()
     assert any(
         "not held against Cycles: no copy" in each for each in json.loads(report.read_text())["warnings"]
@@ -246,19 +232,9 @@ def test_it_can_be_cancelled(plate, monkeypatch, tmp_path):
 
 def test_the_command_line_reports_it(tmp_path):
     report = tmp_path / "stacked.json"
-    words = ["bake", str(SAMPLES / "stacked.blend"), "-o", str(tmp_path / "stacked.exr"), "--audit"]
-    words += [
-        "--report",
-        str(report),
-        "--backend",
-        "cpu",
-        "--size",
-        "96x54",
-        "--samples",
-        "2",
-        "--probes",
-        "64",
-    ]
+    words = command(
+        SAMPLES / "stacked.blend", tmp_path / "stacked.exr", report, "96x54", samples=2, probes=64
+    )
     assert main(words) == 0
     (layer,) = json.loads(report.read_text())["layers"]
     low, high = layer["audit"]["ci95"]
