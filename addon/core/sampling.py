@@ -114,10 +114,16 @@ def _quantiles(pixel_filter: PixelFilter, uniform: np.ndarray) -> np.ndarray:
     """Offsets along each axis that the shares `uniform` of the filter lie below."""
     if pixel_filter.radius == 0.0:
         return np.zeros_like(uniform)
+    return np.interp(uniform, *_distribution(pixel_filter))
+
+
+@cache
+def _distribution(pixel_filter: PixelFilter) -> tuple[np.ndarray, np.ndarray]:
+    """Shares of the filter (TABLE_LENGTH + 1,) that lie below offsets (TABLE_LENGTH + 1,) along an axis."""
     edges = np.linspace(-pixel_filter.radius, pixel_filter.radius, TABLE_LENGTH + 1)
     weights = filter_weight(pixel_filter, 0.5 * (edges[1:] + edges[:-1]))
-    distribution = np.concatenate([[0.0], np.cumsum(weights)])
-    return np.interp(uniform, distribution / distribution[-1], edges)
+    below = np.concatenate([[0.0], np.cumsum(weights)])
+    return below / below[-1], edges
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,9 @@ def allowed_seconds(baked_seconds: float) -> float:
     return SHARE / (1.0 - SHARE) * max(baked_seconds, (1.0 - SHARE) * SHORT_SECONDS)
 
 
+PILOT_SECONDS = 0.1
+"""What the first two take of a layer whatever it is, on an ordinary machine."""
+
 USED_SHARE = 0.75
 """Of the seconds that are allowed, what layers take that need them all: probes are powers of two."""
 
@@ -85,7 +88,7 @@ class MeasuringOutlook:
             expected = self._usual_seconds(layer, allowed / (len(layers) - number), slower)
             allowed -= expected
             if number == 0 and self._expected is not None:
-                expected = max(self._expected - self._current, 0.1 * self._current)
+                expected = max(self._expected - self._current, 0.25 * self._current)
             elif number == 0:  # one that takes longer than expected is taken to be two thirds through
                 expected = max(expected - self._current, 0.5 * self._current)
             left += expected
@@ -97,7 +100,8 @@ class MeasuringOutlook:
         if self._probes is not None:  # as much slower or faster as those so far
             done = slower * sum(layer.kind.score.probe_seconds for layer in self._layers[: self._done])
             return each * (self._taken / done if done else self._probes)
-        return max(min(each * DEFAULT_PROBES, USED_SHARE * allowed), each * sum(PILOTS[:2]))
+        least = each * sum(PILOTS[:2]) + slower * PILOT_SECONDS
+        return max(min(each * DEFAULT_PROBES, USED_SHARE * allowed), least)
 
 
 class ImagesOutlook:
@@ -167,7 +171,10 @@ def within[Result](
         # What all numbers of probes need besides shows between the pilots, as soon as neither made a tree.
         each = max(took - before, 0.0) / (probes - PILOTS[number - 1])
         low, high = sorted((took + each * (more - probes), took * more / probes))
-        expect(low if number > 1 else (low * high) ** 0.5)
+        expected = low if number > 1 else (low * high) ** 0.5
+        if 2.0 * low < high:  # more of them will be affordable than it seems by what all need besides
+            expected = max(expected, min(USED_SHARE * seconds - spent, took * most / probes))
+        expect(expected)
         before = took
         if number + 1 == len(PILOTS):
             found = (yield from work(last)), last

@@ -233,26 +233,32 @@ class _Measuring:
             once = np.array(allot(total, sizes, wishes), np.int64)
             again = allot(total - int(once.sum()), (MOST_REPEATS - 1) * sizes, wishes)
             looks[index] = once + np.where(once == sizes, again, 0)
-        surveys: list[Survey] = []
-        for number, (stratum, count) in enumerate(zip(strata, looks.tolist(), strict=True)):
-            pixels, seed = stratum.chosen(count), int(hash_bits(self.seed, 2, number))
+        asked, kinds = [], []
+        for stratum, count in zip(strata, looks.tolist(), strict=True):
+            pixels = stratum.chosen(count)
             repeats = max(min(count // max(len(pixels), 1), MOST_REPEATS), 1)
             if stratum.difficulty == Difficulty.EMPTY:
-                kind, rays = EmptySurvey, BETWEEN_VIEWS
-                told = yield from self._told(pixels, rays, 0, seed, 1)
+                kinds.append((EmptySurvey, BETWEEN_VIEWS))
+                asked.append(_Asked(pixels, BETWEEN_VIEWS, 0, 1))
             elif stratum.difficulty in by_views:
-                kind, rays = GroupedSurvey, BETWEEN_VIEWS * min(repeats, MOST_BETWEEN)
-                told = yield from self._told(pixels, rays // 2, SAMPLES, seed, 2)
+                rays = BETWEEN_VIEWS * min(repeats, MOST_BETWEEN)
+                kinds.append((GroupedSurvey, rays))
+                asked.append(_Asked(pixels, rays // 2, SAMPLES, 2))
             else:  # single rays that know nothing of each other
-                kind, rays = BinarySurvey, SCREENING_RAYS * repeats
-                told = yield from self._told(pixels, 1, 1, seed, rays)
+                rays = SCREENING_RAYS * repeats
+                kinds.append((BinarySurvey, rays))
+                asked.append(_Asked(pixels, 1, 1, rays))
+        found = yield from self._told_of(asked, int(hash_bits(self.seed, 2)))
+        surveys: list[Survey] = []
+        for stratum, each, (kind, rays), told in zip(strata, asked, kinds, found, strict=True):
             population = stratum.population
             is_certain = self.probed.weights is not None and not stratum.is_empty
             lit = population
             if not is_certain:
                 lit = population * float(told.has_light.mean())
                 self.count_variance += _count_variance(told.has_light, rays // LIT_VIEWS, population)
-            surveys.append(kind(Screened(stratum, pixels, self._values(pixels), rays, told, lit)))
+            screened = Screened(stratum, each.pixels, self._values(each.pixels), rays, told, lit)
+            surveys.append(kind(screened))
         return surveys
 
     def _counts_for(self, stratum: Stratum) -> float:
@@ -270,6 +276,21 @@ class _Measuring:
     def _values(self, pixels: np.ndarray) -> np.ndarray:
         return finite(self.values[pixels])
 
+    def _told_of(self, asked: Sequence[_Asked], seed: int) -> Generator[None, None, list[Deviations]]:
+        """Of each; those by as many rays in one go: a look at few pixels takes as long as one at many."""
+        alike: dict[tuple[int, int, int], list[int]] = {}
+        for number, each in enumerate(asked):
+            alike.setdefault((each.views, each.samples, each.sets), []).append(number)
+        found: dict[int, Deviations] = {}
+        for (views, samples, sets), numbers in alike.items():
+            pixels = np.concatenate([asked[number].pixels for number in numbers])
+            own = int(hash_bits(seed, views, samples, sets))
+            told, start = (yield from self._told(pixels, views, samples, own, sets)), 0
+            for number in numbers:
+                end = start + len(asked[number].pixels)
+                found[number], start = told[start:end], end
+        return [found[number] for number in range(len(asked))]
+
     def _told(self, pixels, views, samples, seed, sets) -> Generator[None, None, Deviations]:
         looked = yield from seen(self.probed, self.truth, pixels, views, samples, seed, sets)
         return deviations(self._values(pixels), looked, self.scale)
@@ -285,17 +306,24 @@ class _Measuring:
         counts = allot(self.probes, sizes, wishes)
         # Where all that asks for probes has them, more rays take their noise off.
         looks = looks_again(self.probes - sum(counts), counts, wishes)
-        each, result = iter(zip(counts, looks, strict=True)), []
-        for number, survey in enumerate(surveys):
-            found = []
-            for index, group in enumerate(survey.groups):
+        each, asked = iter(zip(counts, looks, strict=True)), []
+        for survey in surveys:
+            for group in survey.groups:
                 count, again = next(each)
-                pixels = survey.screened.pixels[group[:count]]
-                seed = int(hash_bits(self.seed, 3, number, index))
                 views = VIEWS * min(again, MOST_REPEATS)
-                found.append((yield from self._told(pixels, views, SAMPLES, seed, 2)))
-            result.append(found)
-        return result
+                asked.append(_Asked(survey.screened.pixels[group[:count]], views, SAMPLES, 2))
+        found = iter((yield from self._told_of(asked, int(hash_bits(self.seed, 3)))))
+        return [[next(found) for _ in survey.groups] for survey in surveys]
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Pixels (P,) to look at by `sets` times `views` view rays, with `samples` rays of each estimate."""
+
+    pixels: np.ndarray
+    views: int
+    samples: int
+    sets: int
 
 
 def _count_variance(has_light: np.ndarray, groups: int, population: int) -> float:

@@ -24,6 +24,7 @@ FIRST_SHARE = 0.1
 """Of a bake's time; what is said before does not count."""
 
 SLICE_SECONDS = 0.05
+ALLOWED_FACTOR = 2.0
 
 
 def bake_here(scene_name: str) -> dict:
@@ -48,18 +49,20 @@ def bake_here(scene_name: str) -> dict:
         "seconds": report["seconds"],
         "measuring": sum(error.get("seconds", 0.0) for error in errors),
         "probes": [min(probes, default=0), max(probes, default=0)],
-        "factor": worst_factor(told, whole),
+        "factor": max(factors(told, whole), default=1.0),
+        "often": float(np.mean([each > ALLOWED_FACTOR for each in factors(told, whole)] or [0.0])),
     }
 
 
-def worst_factor(told: list[tuple[float, float]], whole: float) -> float:
-    """`told`: after how many seconds it said that how many were left. The last slice is not judged."""
-    worst = 1.0
+def factors(told: list[tuple[float, float]], whole: float) -> list[float]:
+    """How far off each was. `told`: after how many seconds it said that how many were left. The last slice is
+    not judged."""
+    found = []
     for passed, left in told:
         really = whole - passed
         if passed >= FIRST_SHARE * whole and really > 2.0 * SLICE_SECONDS:
-            worst = max(worst, left / really, really / max(left, 1e-6))
-    return worst
+            found.append(max(left / really, really / max(left, 1e-6)))
+    return found
 
 
 def a_large_mesh(millions: float) -> bpy.types.Scene:
@@ -116,6 +119,7 @@ def tables(quick: bool) -> str:
                 f"{100.0 * found['measuring'] / found['seconds']:.0f}%",
                 f"{few} to {many}",
                 f"{significant(found['factor'])}x",
+                f"{100.0 * found['often']:.0f}%",
             )
         )
     header = [
@@ -125,5 +129,6 @@ def tables(quick: bool) -> str:
         "share",
         "pixels a layer",
         "time left, worst factor",
+        "off by more than 2x",
     ]
     return table(header, rows)

@@ -28,7 +28,9 @@ HALFTONE = LayerKind(
 )
 OUTLINE = LayerKind(
     title="Toon Outline",
-    score=MaskScore(outline_ink, "the hull's triangles by rays", pixel_seconds=3e-3, screening_rays=32),
+    score=MaskScore(
+        outline_ink, "the hull's triangles by rays", probe_seconds=8e-3, pixel_seconds=3e-3, screening_rays=32
+    ),
     channels="RGBA",
     role=Role.OVER,
     doc="Lines around objects and, where asked for, within them",
