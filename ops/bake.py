@@ -140,8 +140,12 @@ class STRATA_OT_bake(bpy.types.Operator):
         costs no layer: all go to images then."""
         if self._kept_scene is not None and baked.layers.layers:
             job, job.stage = self._job, "Auditing"
+
+            def show(share: float) -> None:
+                job.progress = share
+
             with self._kept_scene as kept:
-                baked = audited(baked, kept, job.outline, job.graph, lambda: job.is_cancelled)
+                baked = audited(baked, kept, job.outline, job.graph, lambda: job.is_cancelled, show)
         if self._path and baked.layers.layers:
             try:
                 self._warnings = write_layers(self._path, baked.layers, self._exr, baked.composite)
