@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from .core.graph import Graph, PlannedLayer
 from .core.memory import MemoryEstimate
 from .core.outline import Outline
 from .core.progress import Forecast
+from .core.read import Read
 from .core.sequence import SequenceLayer, with_neutral
 from .core.slices import timed
 from .core.surface import Chunk
@@ -33,6 +34,9 @@ from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured
 from .measuring import Measuring, unless_cancelled
 from .planning import Options, groups_of, plan_scene, sampling_of
+
+if TYPE_CHECKING:
+    from .scene.exact.reading import Exact
 
 SHOWING_SECONDS = 0.05  # between two looks at how long it still takes
 FIRST_TOLD_SHARE = 0.02  # done of a bake before anything is said of what is left
@@ -275,17 +279,24 @@ def _is_composite(layer: PlannedLayer) -> bool:
 
 
 def read_depsgraph(
-    depsgraph, options: Options, camera=None, size=None
-) -> tuple[Outline, Graph, Arrays, float]:
+    depsgraph, options: Options, camera=None, size=None, exact: Exact | None = None
+) -> tuple[Outline, Graph, Arrays, float] | None:
     """Scans, plans and extracts what the plan reads from an evaluated depsgraph of Blender's (in render mode:
-    as F12 sees the scene); `camera` is Blender's, None for the scene's. Returns the seconds too."""
+    as F12 sees the scene); `camera` is Blender's, None for the scene's. Returns the seconds too. With `exact`
+    the options say whether it counts; None where it now waits for what is to be baked first."""
     from .scene.extract import extract, with_known_clips
     from .scene.scan import ScanOptions, scan
 
     started = time.perf_counter()
-    where = ScanOptions(size=size, camera=camera.name if camera else None, seed=options.seed)
-    found = scan(depsgraph, where)
+    name, exact = camera.name if camera else None, exact if options.read == Read.EXACT.value else None
+    found = scan(depsgraph, ScanOptions(size=size, camera=name, seed=options.seed, exact=exact))
     graph = plan_scene(found.outline, found.shot, options)
+    if exact is not None:
+        parts = found.exactly.needed(graph, found.outline)
+        exact.wait_for(parts)
+        if exact.is_waiting:
+            return None
+        found = replace(found, outline=replace(found.outline, baked=tuple(exact.told(parts))))
     arrays = extract(found, graph.wants, graph.instances)
     outline = with_known_clips(found.outline, arrays)
     return outline, graph, arrays, time.perf_counter() - started
@@ -296,12 +307,12 @@ def read_scene(
 ) -> tuple[Outline, Graph, Arrays, float]:
     """`read_depsgraph` of the scene as F12 would see it; `scene`, `view_layer` and `camera` are Blender's.
     Only on the main thread."""
-    from .scene.render_depsgraph import with_render_depsgraph
+    from .scene.exact.rounds import with_exact
 
-    def read(depsgraph):
-        return read_depsgraph(depsgraph, options, camera, size)
+    def read(depsgraph, exact):
+        return read_depsgraph(depsgraph, options, camera, size, exact)
 
-    return with_render_depsgraph(scene, view_layer, read, frame, camera)
+    return with_exact(scene, view_layer, read, frame, camera)
 
 
 def read_job(
@@ -311,18 +322,20 @@ def read_job(
     frame: int | None = None,
     camera=None,
     size=None,
+    show: Callable[[float], None] | None = None,
     **job_arguments,
 ) -> BakeJob:
     """A bake of the scene as F12 would see it. `options_of(scene)` is asked with the scene as evaluated at
-    the frame, where animated and driven settings have their values; `job_arguments` go to the BakeJob. Only
-    on the main thread."""
-    from .scene.render_depsgraph import with_render_depsgraph
+    the frame, where animated and driven settings have their values; `show` is told the share that is done of
+    what Blender bakes of materials before, and may raise; `job_arguments` go to the BakeJob. Only on the main
+    thread."""
+    from .scene.exact.rounds import with_exact
 
-    def read(depsgraph):
+    def read(depsgraph, exact):
         options = options_of(depsgraph.scene_eval)
-        return options, read_depsgraph(depsgraph, options, camera, size)
+        return options, read_depsgraph(depsgraph, options, camera, size, exact)
 
-    options, (*found, seconds) = with_render_depsgraph(scene, view_layer, read, frame, camera)
+    options, (*found, seconds) = with_exact(scene, view_layer, read, frame, camera, show)
     return BakeJob(*found, options, read_seconds=seconds, **job_arguments)
 
 

@@ -165,7 +165,7 @@ class STRATA_OT_bake(bpy.types.Operator):
             fill_images(self._scene_name, baked.layers, self._packed)
         if is_written := bool(self._path and not self._not_written):
             reload_file(self._path)
-        STATE.show_plan(self._scene_id, self._job.graph, self._job.memory)
+        STATE.show_plan(self._scene_id, self._job.graph, self._job.memory, baked=self._job.outline.baked)
         made = Made(baked.layers.view_layer, self._path if is_written else None, bool(self._packed))
         STATE.show_report(self._scene_id, baked.layers.report, made)
         if self._not_written:
@@ -237,7 +237,7 @@ class STRATA_OT_plan(bpy.types.Operator):
         started = time.thread_time()
         outline, graph, memory = read_plan(context.scene, context.view_layer, options_of)
         somebody_asked(context.scene, time.thread_time() - started)
-        STATE.show_plan(context.scene.session_uid, graph, memory, outline.warnings)
+        STATE.show_plan(context.scene.session_uid, graph, memory, outline.warnings, outline.baked)
         redraw(context.window_manager.windows)
         return {"FINISHED"}
 

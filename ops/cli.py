@@ -174,7 +174,8 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
 
     given = {"effects": arguments.effects, "values": nested(arguments.set)}
     Options(**given).chosen()  # wrong words are found before a large file is opened
-    given |= {"memory_bytes": arguments.memory, "rgb_layers": arguments.rgb_layers}
+    given |= {name: getattr(arguments, name) for name in ("rgb_layers", "read")}
+    given |= {"memory_bytes": arguments.memory}
     with _properties():
         chosen, said = _open(arguments, interrupts)
         given["lights"] = _lights(arguments, chosen)
@@ -227,7 +228,9 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     from ..addon.planning import Options
     from ..addon.ui.properties import exr_of, options_of
 
-    plain = ("effects", "backend", "samples", "weight", "rgb_layers", "probes", "error_images", "seed")
+    plain = (
+        "effects", "backend", "samples", "weight", "rgb_layers", "read", "probes", "error_images", "seed",
+    )  # fmt: skip
     given = {name: getattr(arguments, name) for name in plain}
     given |= {"values": nested(arguments.set), "memory_bytes": arguments.memory}
     # What can be wrong is found before a large file is opened, and long before the work is done.
@@ -320,13 +323,21 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
 
     where = chosen.scene, view_layer, options_of, frame, _camera(chosen), arguments.size
     warnings = [*arguments.said, *filter(None, [chosen.outside([frame])])]
-    job = read_job(*where, sequence=sequence, warnings=warnings)
+    progress = Progress(sys.stderr, title, arguments.quiet)
+
+    def show_materials(share: float) -> None:
+        interrupts.check()
+        progress.show(share, "Baking materials", None)
+
+    try:
+        job = read_job(*where, show=show_materials, sequence=sequence, warnings=warnings)
+    finally:
+        progress.clear()
     baked, reason = None, nothing_to_bake(job.graph, sequence)
     if reason is None:
         path = arguments.output.path(frame)
         if (warning := room_warning(path, job, arguments.exr)) and not arguments.quiet:
             print(f"strata: {title}: {warning}", file=sys.stderr, flush=True)
-        progress = Progress(sys.stderr, title, arguments.quiet)
 
         def show(share: float, stage: str, seconds_left: float | None) -> None:
             interrupts.check()

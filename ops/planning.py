@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from ..addon.core.free_memory import held_bytes
 from ..addon.core.graph import Graph, PlannedLayer
 from ..addon.core.memory import MemoryEstimate
 from ..addon.core.outline import Outline
+from ..addon.core.read import Read
 from ..addon.core.sequence import SequenceLayer, with_neutral
 from ..addon.layers.exr_params import ExrParams
 from ..addon.layers.files import free_on_disk
@@ -28,18 +29,23 @@ def read_plan(
 ) -> tuple[Outline, Graph, MemoryEstimate]:
     """Scans the scene as F12 would see it and plans, and says what baking that takes; extracts nothing. As
     `read_job`, only on the main thread. A bake's closer look may yet leave out layers."""
+    from ..addon.scene.exact.reading import Exact
     from ..addon.scene.extract import texel_bytes
     from ..addon.scene.render_depsgraph import with_render_depsgraph
     from ..addon.scene.scan import Scan, ScanOptions, scan
 
-    how = ScanOptions(size, camera.name if camera else None)
+    def read(depsgraph) -> tuple[Scan, Graph, Options]:
+        options = options_of(depsgraph.scene_eval)
+        exact = Exact() if options.read == Read.EXACT.value else None
+        found = scan(depsgraph, ScanOptions(size, camera.name if camera else None, exact=exact))
+        graph = plan_scene(found.outline, found.shot, options)
+        if exact is not None:
+            told = tuple(exact.told(found.exactly.needed(graph, found.outline)))
+            found = replace(found, outline=replace(found.outline, baked=told))
+        return found, graph, options
 
-    def read(depsgraph) -> tuple[Scan, Options]:
-        return scan(depsgraph, how), options_of(depsgraph.scene_eval)
-
-    scanned, options = with_render_depsgraph(scene, view_layer, read, frame, camera)
+    scanned, graph, options = with_render_depsgraph(scene, view_layer, read, frame, camera)
     outline = scanned.outline
-    graph = plan_scene(outline, scanned.shot, options)
     held = held_bytes() + texel_bytes(outline, graph.wants)  # as when a bake has read them
     return outline, graph, groups_of(outline, graph, options, held)[1]
 
@@ -83,6 +89,7 @@ def described_plan(
         "triangles_read": sum(outline.meshes[outline.instances[i].mesh].triangles for i in graph.instances),
         "left_out": [asdict(entry) for entry in graph.left_out],
         "warnings": [*warnings, *outline.warnings, *([memory.shortage] if memory.shortage else [])],
+        "baked": list(outline.baked),
         "memory": {"sentence": memory.sentence, **memory.to_json()},
     }
 
@@ -102,6 +109,7 @@ def plan_lines(plan: dict[str, Any]) -> Iterator[str]:
         read = f"{plan['instances_read']:,} of {plan['instances']:,} instances"
         yield f"geometry: {read}, {plan['triangles_read']:,} triangles"
         yield plan["memory"]["sentence"]
+    yield from plan["baked"]
     for warning in plan["warnings"]:
         yield f"warning: {warning}"
 

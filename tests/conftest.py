@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from strata.tests.support.places import ROOT
 
+os.environ.setdefault("STRATA_CACHE", "")  # nothing of a test is kept in the user's
+
 
 @pytest.fixture(params=["cpu", "gpu"])
 def backend(request) -> str:

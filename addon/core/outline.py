@@ -340,7 +340,8 @@ class Outline:
     are there; `version` counts changes of what is in the scene while it is watched, as in a viewport;
     `world_light` is the name of a world that sends light; `stamp` is what Blender says of the picture in the
     header of a render; `unknown` are those of `warnings` that tell of something whose extent nobody knows, so
-    that no error found in the picture has an upper end."""
+    that no error found in the picture has an upper end; `baked` says, a line for each material, what of it is
+    read as Blender bakes it."""
 
     scene_name: str
     view_layer_name: str
@@ -359,6 +360,7 @@ class Outline:
     world_light: str = ""
     stamp: dict[str, str] = field(default_factory=dict, compare=False)
     unknown: tuple[str, ...] = ()
+    baked: tuple[str, ...] = ()
 
     def __post_init__(self):
         if not isinstance(self.instances, Instances):

@@ -14,6 +14,7 @@ from ..core.errors import Cancelled, one_line, told_once
 from ..core.naming import ENGINE_ID
 from ..devices.start import Devices, start_devices
 from ..layers.exr import layer_attributes, to_json
+from ..scene.exact.reading import Exact
 from ..ui.properties import options_of
 from ..ui.registration import Classes
 from ..ui.state import STATE
@@ -63,7 +64,7 @@ class StrataRenderEngine(bpy.types.RenderEngine):
         layer_name = depsgraph.view_layer.name
         self._write(layer_name, passes.images_of(baked, job.outline, job.graph.shot, depsgraph))
         self._tell(layer_name, baked)
-        STATE.show_plan(depsgraph.scene.session_uid, job.graph, job.memory)
+        STATE.show_plan(depsgraph.scene.session_uid, job.graph, job.memory, baked=job.outline.baked)
         STATE.show_report(depsgraph.scene.session_uid, baked.layers.report)
 
     def view_update(self, context, depsgraph):
@@ -91,7 +92,8 @@ class StrataRenderEngine(bpy.types.RenderEngine):
         self.update_stats("", "Strata: Reading the scene")
         # Passes are known before there is a plan, and none is of an error.
         options = options_of(depsgraph.scene_eval, composite=True, error_images=False)
-        *read, seconds = read_depsgraph(depsgraph, options)
+        # Blender bakes nothing while it renders.
+        *read, seconds = read_depsgraph(depsgraph, options, exact=Exact(can_bake=False))
         devices = start_devices(options.backend)
         try:
             job = BakeJob(*read, options, devices, seconds)

@@ -150,7 +150,8 @@ class LayerReport:
 @dataclass(frozen=True)
 class Report:
     """`left_out`: pairs of what and why. `peak_mb`: the process's largest resident memory so far, MiB;
-    `memory`: what was told of it before (MemoryEstimate.to_json, core/memory.py), None where nothing was."""
+    `memory`: what was told of it before (MemoryEstimate.to_json, core/memory.py), None where nothing was;
+    `baked`: what of materials was read as Blender bakes it."""
 
     strata: str
     blender: str
@@ -168,6 +169,7 @@ class Report:
     left_out: tuple[tuple[str, str], ...]
     warnings: tuple[str, ...]
     memory: MemoryEstimate | None = None
+    baked: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Plain dicts, lists, strings and finite numbers."""
@@ -180,6 +182,7 @@ class Report:
             "layers": [layer.to_json() for layer in self.layers],
             "left_out": [{"what": what, "reason": reason} for what, reason in self.left_out],
             "warnings": list(self.warnings),
+            "baked": list(self.baked),
             "memory": self.memory.to_json() if self.memory else None,
         }
 
@@ -260,6 +263,7 @@ def report_of(
         left_out=tuple((left.what, left.reason) for left in graph.left_out),
         warnings=tuple(dict.fromkeys(warnings)),
         memory=memory,
+        baked=outline.baked,
     )
 
 
@@ -324,6 +328,9 @@ def format_table(report: Report) -> str:
     if report.left_out:
         lines += ["", "left out"]
         lines += [line for what, why in report.left_out for line in wrapped(why, f"  {what}: ")]
+    if report.baked:
+        lines += ["", "materials"]
+        lines += [line for told in report.baked for line in wrapped(told, "  ")]
     if report.warnings:
         lines += ["", "warnings"]
         lines += [line for warning in report.warnings for line in wrapped(warning, "  ")]

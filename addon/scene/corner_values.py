@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 
 from ..core.arrays import MeshArrays
+from .nodes.baked import BAKED_MAP
 from .nodes.pictures import IDENTITY, Placement
 from .nodes.values import Attribute, Value
 
@@ -88,18 +89,26 @@ class Corners:
 
 
 def placed_uvs(
-    source: bpy.types.Mesh, mesh: MeshArrays, placements: list[Placement], owner: str, warnings: list[str]
+    source: bpy.types.Mesh,
+    mesh: MeshArrays,
+    placements: list[Placement],
+    owner: str,
+    warnings: list[str],
+    baked: np.ndarray | None = None,
 ) -> np.ndarray | None:
     """(C, 2) float32: each corner's coordinates of the pictures of its face's material, of the `placements`
     of the slots. None for a mesh without the UV maps; a map that it lacks is told, the one for rendering is
-    taken instead."""
+    taken instead. `baked` are those where Blender bakes."""
     render = next((layer for layer in source.uv_layers if layer.active_render), None)
-    if render is None:
-        return None
+    maps: dict[str, np.ndarray] = {} if baked is None else {BAKED_MAP: baked}
     count = len(mesh.corner_vertices)
-    maps: dict[str, np.ndarray] = {}
+    if render is None and baked is None:
+        return None
 
     def map_of(name: str) -> np.ndarray:
+        if render is None:
+            warnings.append(f"object '{owner}': it has no UV map, its textures are read at one point")
+            return np.zeros((count, 2), np.float32)
         layer = source.uv_layers.get(name) if name else render
         if layer is None:
             warnings.append(f"object '{owner}': it has no UV map '{name}', its UV map for rendering is read")

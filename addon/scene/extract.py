@@ -54,7 +54,16 @@ def extract(
     )
     slots = {mesh: instance.materials for mesh, instance in first.items()}
     meshes = tuple(
-        _with_uvs(outline, scan.mesh_sources[index], mesh, slots[index], wants, owners[index], warnings)
+        _with_uvs(
+            outline,
+            scan.mesh_sources[index],
+            mesh,
+            slots[index],
+            wants,
+            owners[index],
+            warnings,
+            scan.baked_uvs.get(index),
+        )
         if index in textured and index in shown
         else mesh
         for index, mesh in enumerate(meshes)
@@ -166,12 +175,12 @@ def _is_cutout(texels: np.ndarray) -> bool:
 
 def _with_uvs(
     outline: Outline, source: bpy.types.Mesh | MadeMesh, mesh: MeshArrays, slots: tuple[int, ...],
-    wants: Collection[str], owner: str, warnings: list[str],
+    wants: Collection[str], owner: str, warnings: list[str], baked: np.ndarray | None = None,
 ) -> MeshArrays:  # fmt: skip
     materials = [outline.materials[slot] for slot in slots]
     placements = [Placement(each.uv_map, each.uv_matrix) for each in materials]
     if isinstance(source, bpy.types.Mesh):
-        uvs = placed_uvs(source, mesh, placements, owner, warnings)
+        uvs = placed_uvs(source, mesh, placements, owner, warnings, baked)
         if set(placements) != {Placement()}:
             mesh = replace(mesh, chart_uvs=placed_uvs(source, mesh, [Placement()], owner, []))
     else:

@@ -7,18 +7,24 @@ that names material and node.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
 import bpy
 import numpy as np
 
 from ..core.outline import Image, Material, Opacity
+from .nodes.baked import BakedTexture
 from .nodes.closures import Closure
-from .nodes.graph import origins
+from .nodes.graph import Leaves, origins
 from .nodes.opacities import Parts, parts_of
 from .nodes.pictures import Picture, Placement, placement_of
 from .nodes.surface import Surface, surface_at
 from .nodes.values import COLOUR, Attribute, Value, constant
 from .transforms import as_colour
 from .volumes import volume_of
+
+OPACITY, BASE_COLOUR = "opacity", "base colour"
 
 
 class Images:
@@ -54,16 +60,33 @@ def default_material() -> Material:
     return Material("")
 
 
+@dataclass(frozen=True, eq=False)
+class ReadMaterial:
+    """A material and its warnings. `unread` is what of 'opacity' and 'base colour' is not read, and only for
+    what its nodes are. By the same words, `baked` has keys of the textures that Blender bakes for it."""
+
+    material: Material
+    warnings: list[str] = field(default_factory=list)
+    unread: tuple[str, ...] = ()
+    baked: dict[str, frozenset[str]] = field(default_factory=dict)
+
+
 def material_of(material: bpy.types.Material, images: Images) -> tuple[Material, list[str]]:
     """A material and its warnings."""
+    read = read_material(material, images)
+    return read.material, read.warnings
+
+
+def read_material(material: bpy.types.Material, images: Images, leaves: Leaves | None = None) -> ReadMaterial:
+    """`leaves` know what else its nodes give."""
     medium, warnings = volume_of(material.node_tree, f"material '{material.name_full}'")
     if (medium is not None or warnings) and not _has_surface(material):
         colour = as_colour(material.diffuse_color[:3])
-        return Material(material.name_full, colour, medium=medium, has_surface=False), warnings
-    read, more = _surface_of(material, images)
+        return ReadMaterial(Material(material.name_full, colour, medium=medium, has_surface=False), warnings)
+    read = _surface_of(material, images, leaves)
     if medium is not None:
         warnings.append(f"material '{material.name_full}': its volume is not read, it has a surface too")
-    return read, [*more, *warnings]
+    return replace(read, warnings=[*read.warnings, *warnings])
 
 
 def is_medium(material: bpy.types.Material) -> bool:
@@ -100,32 +123,36 @@ def _has_surface(material: bpy.types.Material) -> bool:
     return socket is not None and any(link.is_valid and not link.is_muted for link in socket.links)
 
 
-def _surface_of(material: bpy.types.Material, images: Images) -> tuple[Material, list[str]]:
+def _surface_of(material: bpy.types.Material, images: Images, leaves: Leaves | None) -> ReadMaterial:
     if not _has_surface(material):
         name = material.name_full
         if material.node_tree is None:
             colour, roughness = as_colour(material.diffuse_color[:3]), float(material.roughness)
             warning = f"material '{name}': it has no nodes, its viewport colour is used"
-            return Material(name, colour, roughness=roughness), [warning]
-        return Material(name, (0.0, 0.0, 0.0)), [
-            f"material '{name}': without a shader it is black, as in Cycles"
-        ]
-    return _Maker(material, images).made()
+            return ReadMaterial(Material(name, colour, roughness=roughness), [warning])
+        warning = f"material '{name}': without a shader it is black, as in Cycles"
+        return ReadMaterial(Material(name, (0.0, 0.0, 0.0)), [warning])
+    return _Maker(material, images, leaves).made()
+
+
+def _baked(values: Iterable[Value | None]) -> frozenset[str]:
+    parts = (part for value in values if value is not None for part in value.parts())
+    return frozenset(part.texture.key for part in parts if isinstance(part.texture, BakedTexture))
 
 
 class _Maker:
     """Makes a Material of a Surface."""
 
-    def __init__(self, material: bpy.types.Material, images: Images):
+    def __init__(self, material: bpy.types.Material, images: Images, leaves: Leaves | None):
         self.material = material
         self.images = images
-        self.surface: Surface = surface_at(_surface_socket(material))
+        self.surface: Surface = surface_at(_surface_socket(material), leaves)
         self.warnings = list(self.surface.warnings)
         self.placement = Placement()
         self.corners: Value | None = None
-        self.has_unread_opacity = False
+        self.unread: dict[str, None] = {}
 
-    def made(self) -> tuple[Material, list[str]]:
+    def made(self) -> ReadMaterial:
         surface, shown = self.surface, self.surface.shown
         closures = list(dict.fromkeys((*surface.seen, *surface.casts)))
         parts = [self._parts(closure) for closure in closures]
@@ -149,18 +176,21 @@ class _Maker:
             self._constant(shown.roughness, "roughness", 0.5),
             as_colour(self._constant(shown.emission, "emission", [0.0] * 3)),
             self._constant(shown.metallic, "metallic", 0.0),
-            unread_opacity=self.has_unread_opacity,
+            unread_opacity=OPACITY in self.unread,
             is_holdout=self._is_holdout(shown),
             uv_map=self.placement.uv_map,
             uv_matrix=self.placement.matrix,
         )
         name = self.material.name_full
-        return read, [f"material '{name}': {warning}" for warning in dict.fromkeys(self.warnings)]
+        warnings = [f"material '{name}': {warning}" for warning in dict.fromkeys(self.warnings)]
+        baked = {OPACITY: _baked(each.picture for each in parts), BASE_COLOUR: _baked([base])}
+        return ReadMaterial(read, warnings, tuple(self.unread), baked)
 
     def _base(self, closure: Closure) -> Value:
         """The base colour; the viewport colour for one that is not read."""
         value = closure.base
         if value.unread or value.hangs_on(Attribute):
+            self.unread[BASE_COLOUR] = None
             self.warnings.append(f"{origins(value)} not read for base colour, its viewport colour is used")
             return constant(COLOUR, self.material.diffuse_color[:3])
         return value
@@ -174,7 +204,7 @@ class _Maker:
                 self.corners = parts.corners
             parts = parts if self.corners.key == parts.corners.key else None
         if parts is None:
-            self.has_unread_opacity = True
+            self.unread[OPACITY] = None
             self.warnings.append(f"{origins(value)} not read for opacity, it counts as opaque")
             return Parts()
         return parts

@@ -11,20 +11,21 @@ import bpy
 import numpy as np
 
 from ..core.errors import StrataError
-from ..core.outline import Bounds, Instance, Material, Outline
+from ..core.outline import Bounds, Instance, Outline
 from ..core.shot import Camera, Raster, Shot
 from .cameras import camera_of, camera_warnings, frame_size_of, pixel_filter_of, region_of
-from .displacement import BySlot, displacement_of
+from .displacement import BySlot
 from .edit_mode import edited_mesh, is_edited, sculpted_modifiers, unseen_modifiers
+from .exact.reading import Exact, ExactScan
 from .hair import hair_systems
 from .made_mesh import MadeMesh
-from .materials import Images, default_material, material_of
 from .missing import Missing, missing_parts, named
 from .nodes.pictures import Picture
 from .nodes.values import Value
 from .own_settings import own_settings_of
 from .render_depsgraph import engine_of
 from .scanned_lamps import ScannedLamps
+from .scanned_materials import ScannedMaterials
 from .scanned_meshes import Data, ScannedMeshes
 from .simulations import unbaked_simulations
 from .stamp import stamp_of
@@ -47,13 +48,14 @@ class ScanOptions:
     """`size` in pixels replaces the scene's. `camera` replaces the scene's: an object's name, or a camera
     that is no object (`cameras.viewport_camera`), which has neither render region nor pixel aspect. `shows`,
     called with an object of the scene, says whether to read it. `seconds`: what it may take of this
-    thread's time, None for whatever it takes."""
+    thread's time, None for whatever it takes. `exact`: what no reader of nodes covers is read as baked."""
 
     size: tuple[int, int] | None = None
     camera: str | Camera | None = None
     seed: int = 0
     shows: Callable[[bpy.types.Object], bool] | None = None
     seconds: float | None = None
+    exact: Exact | None = None
 
 
 class TooLong(StrataError):
@@ -67,7 +69,7 @@ class Scan:
     make the meshes; by the outline's indices, `instance_owners` and `light_owners` are those of objects that
     stand for themselves, 0 for what an instancer makes. `corner_sources`: what opacities' `corners` name;
     `displacements` are by mesh, of those that have any; `own_boxes`: the meshes whose box is not that of
-    their object."""
+    their object; `baked_uvs` (C, 2) f32 by mesh: where things are baked; `exactly`: what is."""
 
     outline: Outline
     shot: Shot
@@ -79,10 +81,14 @@ class Scan:
     corner_sources: dict[str, Value] = field(default_factory=dict)
     displacements: dict[int, BySlot] = field(default_factory=dict)
     own_boxes: frozenset[int] = frozenset()
+    baked_uvs: dict[int, np.ndarray] = field(default_factory=dict)
+    exactly: ExactScan | None = None
 
     def without_sources(self) -> Scan:
         """Without Blender's own data, and what leads to it."""
-        return replace(self, mesh_sources=(), image_sources=(), corner_sources={}, displacements={})
+        kept = replace(self, mesh_sources=(), image_sources=(), corner_sources={}, displacements={})
+        exactly = self.exactly and self.exactly.without_sources()
+        return replace(kept, baked_uvs={}, exactly=exactly)
 
 
 def scan(depsgraph: bpy.types.Depsgraph, options: ScanOptions = ScanOptions()) -> Scan:
@@ -117,9 +123,7 @@ def raster_of(depsgraph: bpy.types.Depsgraph, options: ScanOptions) -> tuple[Ras
 class _Scanner:
     depsgraph: bpy.types.Depsgraph
     options: ScanOptions
-    images: Images = field(default_factory=Images)
-    materials: list[Material] = field(default_factory=list)
-    material_indices: dict[int, int] = field(default_factory=dict)
+    baked_uvs: dict[int, np.ndarray] = field(default_factory=dict)
     meshes: ScannedMeshes = field(default_factory=ScannedMeshes)
     instance_owners: list[int] = field(default_factory=list)
     appearances: dict[tuple, dict | None] = field(default_factory=dict)
@@ -130,10 +134,11 @@ class _Scanner:
     lamps: ScannedLamps = field(default_factory=ScannedLamps)
     shown: dict[int, bool] = field(default_factory=dict)
     edited_meshes: dict[int, bpy.types.Mesh] = field(default_factory=dict)
-    displacements: dict[int, Value] = field(default_factory=dict)
-    unread_displacements: dict[int, tuple[str, str]] = field(default_factory=dict)
     catchers: set[str] = field(default_factory=set)
     warnings: dict[str, bool] = field(default_factory=dict)
+
+    def __post_init__(self):
+        self.materials = ScannedMaterials(self.options.exact, self._warn)
 
     def run(self) -> Scan:
         scene = self.depsgraph.scene_eval
@@ -141,6 +146,8 @@ class _Scanner:
         raster, warnings = raster_of(self.depsgraph, self.options)
         for warning in warnings:
             self._warn(warning)
+        if self.materials.exactly is not None:
+            self.materials.exactly.raster = raster
         for instance in self.depsgraph.object_instances:
             if time.thread_time() > end:
                 raise TooLong(f"scene '{scene.name}' takes long to read")
@@ -173,8 +180,8 @@ class _Scanner:
             lights=self.lamps.linked(self.objects),
             instances=instances,
             meshes=tuple(self.meshes.headers),
-            materials=tuple(self.materials),
-            images=tuple(self.images.headers),
+            materials=tuple(self.materials.headers),
+            images=tuple(self.materials.images.headers),
             warnings=tuple(self.warnings),
             unknown=tuple(line for line, is_unknown in self.warnings.items() if is_unknown),
             working_space=bpy.data.colorspace.working_space,
@@ -189,13 +196,15 @@ class _Scanner:
             outline,
             shot,
             tuple(self.meshes.sources),
-            tuple(self.images.sources),
+            tuple(self.materials.images.sources),
             tuple(self.meshes.owners),
             tuple(self.instance_owners),
             tuple(self.lamps.owners),
-            self.images.corners,
+            self.materials.images.corners,
             self.meshes.displacements,
             self.meshes.own_boxes,
+            self.baked_uvs,
+            self.materials.exactly,
         )
 
     @property
@@ -215,11 +224,7 @@ class _Scanner:
 
     def _assumed(self) -> Iterator[Missing]:
         """Of what is read in part: with its objects, and what is taken in place of the rest."""
-        for index, (material, unread) in self.unread_displacements.items():
-            objects = named((each["name"] for each in self.instances if index in each["materials"]), "object")
-            if objects:
-                line = f"material '{material}' of {objects}: displacement by {unread} is not read"
-                yield Missing(f"{line}, shapes and shadows are taken without it", True)
+        yield from self.materials.told(self.instances)
         yield from self.meshes.told
         shown = [each for each in self.instances if each["visible_camera"]]
         if objects := named((each["name"] for each in shown if each["is_holdout"]), "holdout object"):
@@ -279,15 +284,21 @@ class _Scanner:
         view_layer = self.depsgraph.view_layer_eval
         indirect_only = owner.indirect_only_get(view_layer=view_layer)
         if isinstance(data, bpy.types.Modifier):  # hair has the one of its emitter's that it says
-            slots = self._slot_materials(instance, shown, shown.data)
+            slots = self.materials.slots(self.depsgraph, instance, shown, shown.data)
             slots = (slots[min(data.particle_system.settings.material, len(slots)) - 1],)
         else:
-            slots = self._slot_materials(instance, shown, data)
-        by_slot = tuple(self.displacements.get(slot) for slot in slots)
-        mesh = self.meshes.index(self.depsgraph, shown, data, by_slot)
+            slots = self.materials.slots(self.depsgraph, instance, shown, data)
+        slots, baked = self.materials.exact_slots(instance, shown, data, slots)
+        by_slot = tuple(self.materials.displacements.get(slot) for slot in slots)
+        variant = ()
+        if baked is not None:
+            variant = baked.size, *(slot in self.materials.exactly.parts for slot in slots)
+        mesh = self.meshes.index(self.depsgraph, shown, data, by_slot, variant)
         if mesh is None:
             return None
-        materials = [self.materials[slot] for slot in slots]
+        if baked is not None:
+            self.baked_uvs[mesh] = baked.corner_uvs
+        materials = [self.materials.headers[slot] for slot in slots]
         is_surface = any(material.has_surface for material in materials)
         if shown.is_shadow_catcher or owner.is_shadow_catcher:
             self.catchers.add(shown.name)
@@ -307,43 +318,6 @@ class _Scanner:
             or (is_surface and all(material.is_holdout for material in materials)),
             "own_settings": own_settings_of(shown, "Object"),
         }
-
-    def _slot_materials(self, instance, shown: bpy.types.Object, data: bpy.types.ID) -> tuple[int, ...]:
-        """The mesh's, overridden by those that the object itself fills (BKE_object_material_get_eval); the
-        view layer's one for all, if it has one."""
-        if (override := self.depsgraph.view_layer_eval.material_override) is not None:
-            return (self._material_index(override),)
-        used = list(data.materials)
-        source = instance.instance_object if instance.is_instance else shown
-        if (
-            source is not None
-            and source.data is not None
-            and source.data.as_pointer() == shown.data.as_pointer()
-        ):
-            for index, slot in enumerate(source.material_slots):
-                if slot.link == "OBJECT":
-                    used += [None] * (index + 1 - len(used))
-                    used[index] = slot.material
-        return tuple(self._material_index(material) for material in used or [None])
-
-    def _material_index(self, material: bpy.types.Material | None) -> int:
-        pointer = 0 if material is None else material.original.session_uid
-        index = self.material_indices.get(pointer)
-        if index is None:
-            index = self.material_indices[pointer] = len(self.materials)
-            read, warnings = (
-                (default_material(), []) if material is None else material_of(material, self.images)
-            )
-            self.materials.append(replace(read, own_settings=own_settings_of(material, "Material")))
-            for warning in warnings:
-                self._warn(warning)
-            if material is not None:
-                moved, unread = displacement_of(material)
-                if moved is not None:
-                    self.displacements[index] = moved
-                if unread:
-                    self.unread_displacements[index] = material.name_full, unread
-        return index
 
     def _finished_instances(self) -> tuple[Instance, ...]:
         """Without those whose matrix cannot be used; `objects` stays in step."""

@@ -33,12 +33,18 @@ class ScannedMeshes:
     _keys: dict[str, int] = field(default_factory=dict)
 
     def index(
-        self, depsgraph: bpy.types.Depsgraph, shown: bpy.types.Object, data: Data, by_slot: BySlot
+        self,
+        depsgraph: bpy.types.Depsgraph,
+        shown: bpy.types.Object,
+        data: Data,
+        by_slot: BySlot,
+        variant: tuple = (),
     ) -> int | None:
-        """None where it has no faces. `by_slot`: how its materials displace it."""
+        """None where it has no faces. `by_slot`: how its materials displace it; `variant`: what else it has
+        of its materials."""
         is_displaced = isinstance(data, bpy.types.Mesh) and any(value is not None for value in by_slot)
         by_slot = by_slot if is_displaced else ()
-        key = (data.as_pointer(), *(value and value.key for value in by_slot))
+        key = (data.as_pointer(), variant, *(value and value.key for value in by_slot))
         if key not in self._indices:
             source = self._source(depsgraph, shown, data)
             self._indices[key] = None if source is None else self._add(shown, data, source, by_slot)

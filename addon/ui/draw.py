@@ -24,7 +24,7 @@ from .state import STATE, PlanRow
 
 LETTER_PIXELS = 7.2  # of the interface's font at scale 1, on average
 COMPOSITE = "Composite"
-_BAKED = ("backend", "samples", "weight", "rgb_layers")
+_BAKED = ("backend", "samples", "weight", "rgb_layers", "read")
 _MEASURED = ("probes", "error_images", "audit")
 _LIGHT_ICONS = {"POINT": "LIGHT_POINT", "SUN": "LIGHT_SUN", "SPOT": "LIGHT_SPOT", "AREA": "LIGHT_AREA"}
 
@@ -213,6 +213,8 @@ def lights(layout: bpy.types.UILayout, context) -> None:
     if memory := STATE.memory.get(context.scene.session_uid):
         words = memory.shortage or memory.sentence
         text(layout, context, sentence(words), "MEMORY")
+    for line in STATE.baked.get(context.scene.session_uid, ()):
+        text(layout, context, sentence(line), "NODE_MATERIAL")
 
 
 def light(layout: bpy.types.UILayout, context, name: str, rows: list[PlanRow]) -> None:

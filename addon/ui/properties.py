@@ -13,6 +13,7 @@ import bpy
 from ..core.effect import Effect
 from ..core.params import Colour, Lamp, ParamSpec, in_words
 from ..core.ramp import Ramp
+from ..core.read import Read
 from ..core.weight import Weight
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
@@ -52,6 +53,7 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
         "samples": settings.samples,
         "weight": settings.weight,
         "rgb_layers": settings.rgb_layers,
+        "read": settings.read,
         # Only a number that somebody set is kept whatever it takes.
         "probes": settings.probes if settings.is_property_set("probes") else None,
         "error_images": settings.error_images,
@@ -219,6 +221,12 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
             description="Shadows are weighed channel by channel, and have three: right in colour too where "
             "surfaces of several colours share a pixel",
             default=False,
+        ),
+        "read": bpy.props.EnumProperty(
+            name="Materials",
+            description="How a bake reads materials. Previews read them by their nodes alone",
+            items=[(each.value, each.name.capitalize(), each.doc) for each in Read],
+            default=Read.FAST.value,
         ),
         "probes": bpy.props.IntProperty(
             name="Error Probes",

@@ -16,7 +16,9 @@ import bpy
 
 from ..core.errors import StrataError, one_line
 from ..core.free_memory import held_bytes
+from ..core.read import Read
 from ..planning import groups_of, plan_scene
+from ..scene.exact.reading import Exact
 from ..scene.extract import texel_bytes
 from ..scene.render_visibility import rendered_objects, told_hidden
 from ..scene.rescan import Changes, patched
@@ -77,7 +79,9 @@ class ScenePlan:
             graph = plan_scene(outline, shot, options)
             held = held_bytes() + texel_bytes(outline, graph.wants)  # as when a bake has read them
             memory = groups_of(outline, graph, options, held)[1]
-            STATE.show_plan(scene, graph, memory, warnings)
+            exactly = self._scan.exactly
+            baked = exactly.exact.told(exactly.needed(graph, outline)) if exactly else ()
+            STATE.show_plan(scene, graph, memory, warnings, baked)
         except TooLong:
             self.is_too_long = True
         except BaseException as error:  # a panic of the kernels is no Exception
@@ -92,6 +96,7 @@ class ScenePlan:
             view_layer.name,
             depsgraph.scene.frame_current_final,
             len(depsgraph.objects),
+            depsgraph.scene.strata.read,
             rendered_objects(view_layer),
         )
 
@@ -110,6 +115,7 @@ class ScenePlan:
                     camera=raster.camera,
                     shows=lambda thing: thing.session_uid in rendered,
                     seconds=None if self._scan else MOST_SECONDS,
+                    exact=Exact() if depsgraph.scene.strata.read == Read.EXACT.value else None,
                 )
                 # Blender's own data is not to be kept.
                 self._scan = scan(depsgraph, how).without_sources()

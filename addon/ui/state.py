@@ -57,16 +57,20 @@ class State:
     warnings: dict[int, tuple[str, ...]] = field(default_factory=dict)
     outdated: set[int] = field(default_factory=set)  # scenes that have changed, and take long to read again
     memory: dict[int, Any] = field(default_factory=dict)
+    baked: dict[int, tuple[str, ...]] = field(default_factory=dict)  # of materials, by Blender
     reports: dict[int, dict[str, Any]] = field(default_factory=dict)
     made: dict[int, Made] = field(default_factory=dict)
     marks: dict[int, dict[str, list[Mark]]] = field(default_factory=dict)
     reports_shown: int = 0  # counts up, so that a picture knows that it is old
 
-    def show_plan(self, scene: int, graph, memory=None, warnings: Iterable[str] | None = None) -> None:
+    def show_plan(
+        self, scene: int, graph, memory=None, warnings: Iterable[str] | None = None, baked: Iterable[str] = ()
+    ) -> None:
         """Of a `core.graph.Graph`, and what baking it takes, a `core.memory.MemoryEstimate`. `warnings` of
-        reading the scene; None where they are as before."""
+        reading the scene; None where they are as before. `baked` are lines about materials."""
         self.outdated.discard(scene)
         self.memory.pop(scene, None)
+        self.baked[scene] = tuple(baked)
         if memory and graph.layers:
             self.memory[scene] = memory
         if warnings is not None:

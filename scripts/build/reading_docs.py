@@ -38,6 +38,34 @@ and whether it is a holdout.
 - **What is not read** is told of, with the node's name and what is assumed: it counts as opaque, and the
   viewport colour stands for the base colour. Only what the answer hangs on counts: a factor that mixes two
   opaque shaders leaves the opacity known.
+
+## What Blender bakes
+
+With `--read exact` (*Materials: Exact* in the panel) an output of a node that is not read is baked by Cycles,
+over each mesh that shows it, and the rest of the material is read as ever. So there is no node whose
+opacity and base colour are not read, but for these, which stay as they are without it:
+
+- what hangs on who looks from where (Fresnel, Layer Weight, Camera Data, Light Path, Incoming, Window and
+  Camera coordinates), on other objects (Ambient Occlusion but for Only Local), or on what is no mesh;
+- what tells the instances of one instancer apart (Object Info, the world's place), and attributes of objects,
+  instancers and view layers;
+- hair and points; a base colour whose material's opacity is read without baking, and has a picture of its own
+  that would get coarser.
+
+How that is done:
+
+- Each face of a mesh gets a square of texels of its own, the larger the larger it is, so that nothing
+  overlaps whatever UV maps there are. A mesh has 128 to 1024 texels a side, by how large the camera sees it,
+  or more where its faces need it.
+- Blender bakes in a scene of its own, with copies of what it needs. Nothing of that stays in the file.
+- Objects that share a mesh share what is baked, unless nodes tell them apart.
+- What is baked is kept, by all that it hangs on: nodes and what they read, the mesh, the object where nodes
+  ask for it, Blender's version. So a second bake, or another frame in which all that is the same, takes
+  nothing. It is kept in the user's folder for caches (at most 4 GB, what was used last; another folder by the
+  environment variable `STRATA_CACHE`, none where that is empty), and in memory where that cannot be written.
+- `strata plan` and the report have a line for each such material. What a texel blurs, an audit shows.
+- The render engine (F12) and previews take what is kept, and say what is not baked yet: Blender bakes nothing
+  while it renders. Bake once before.
 """
 
 
@@ -69,7 +97,8 @@ def page() -> str:
             "",
             *_table(VALUES),
             "",
-            "All others (Noise, Fresnel, Layer Weight, Object Info, ...) are not read.",
+            "All others (Noise, Fresnel, Layer Weight, Object Info, ...) are not read, unless",
+            "[Blender bakes them](#what-blender-bakes).",
             "",
         ]
     )

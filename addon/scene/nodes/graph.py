@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import bpy
 
@@ -28,14 +29,24 @@ class Situation:
     is_back: bool = False
 
 
+class Leaves(Protocol):
+    """Who may know what a node gives where only its place on a surface tells."""
+
+    def value(
+        self, graph: Graph, node: bpy.types.Node, output: bpy.types.NodeSocket, path: Path, read: Value
+    ) -> Value:
+        """Of an output; `read` is what is made of it otherwise: a source, or a texture."""
+
+
 @dataclass(eq=False)
 class Graph:
     """Reads the nodes of one material, light or volume in one situation, each once. `asked` names what the
-    answers hang on: 'ray', 'side'. `warnings` keep their order."""
+    answers hang on: 'ray', 'side'. `warnings` keep their order. `leaves` are asked for what is not folded."""
 
     situation: Situation = Situation()
     asked: set[str] = field(default_factory=set)
     warnings: dict[str, None] = field(default_factory=dict)
+    leaves: Leaves | None = None
     _known: dict[tuple, Value] = field(default_factory=dict)
     _depth: int = 0
 
@@ -92,8 +103,12 @@ class Graph:
             return converted(self.input(*origin), kind)
         reading = VALUES.get(node.bl_idname)
         if reading is None:
-            return unread(kind, f"node '{node.name}'")
-        return converted(reading.read(At(self, node, path), output), kind)
+            value = unread(kind, f"node '{node.name}'")
+        else:
+            value = reading.read(At(self, node, path), output)
+        if self.leaves is not None and _is_leaf(node, value):
+            value = self.leaves.value(self, node, output, path, value)
+        return converted(value, kind)
 
 
 @dataclass(eq=False)
@@ -129,12 +144,16 @@ class At:
         return unlinked(self.socket(identifier))
 
 
+def _is_leaf(node: bpy.types.Node, value: Value) -> bool:
+    """Whether an output hangs on something else than other nodes' outputs."""
+    return not value.is_constant and (not value.inputs or node.bl_idname == "ShaderNodeTexImage")
+
+
 def origins(value: Value) -> str:
     """What an expression that is no constant comes from, in words, with 'is' or 'are'."""
     found = value.unread
     if not found:
-        names = {part.texture.name for part in value.parts() if part.texture is not None}
-        found = [f"image '{name}'" for name in sorted(names)]
+        found = sorted({part.texture.words for part in value.parts() if part.texture is not None})
     if not found:
         found = sorted(
             {f"attribute '{s.name}'" if hasattr(s, "output") else "the UV map" for s in value.sources}

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .baked import BAKED_MAP
 from .values import FLOAT, Attribute, Uv, Value, complement, number, product, saturated
 
 _STEPS = 1024
@@ -79,6 +80,8 @@ def _clip_of(value: Value) -> tuple[Value, float] | None:
         if part.kind == FLOAT:
             chain.append(part)
     for inner in reversed(chain):
+        if Uv(BAKED_MAP) in inner.sources and not inner.is_share:
+            continue  # its numbers may be beyond those that are looked at
         threshold = _step_of(value, inner)
         if threshold is not None:
             return threshold

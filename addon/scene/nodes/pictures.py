@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
 from ..pixels import LARGEST, channel_of
-from .textures import Texture
+from .baked import BakedTexture
+from .textures import Loader, Texture
 from .values import COLOUR, Source, Uv, Value
 
 Matrix = tuple[float, float, float, float, float, float]
@@ -20,9 +21,6 @@ IDENTITY: Matrix = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 WITHOUT_IMAGES = 512  # where there is no image to go by
 CLOSEST = 4  # texels to one of an image that is not interpolated: bilinear, they blur an eighth of it
 _CHUNK = 1 << 18  # texels at a time
-
-Loader = Callable[[bpy.types.Image], np.ndarray | None]
-"""(H, W, 4) f32 as Blender keeps them, or None."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +96,8 @@ class Picture:
     @property
     def images(self) -> list[bpy.types.Image]:
         """All that it looks up, each once."""
-        return list({part.texture.image.session_uid: part.texture.image for part in self._lookups()}.values())
+        images = (part.texture.image for part in self._lookups() if part.texture.image is not None)
+        return list({image.session_uid: image for image in images}.values())
 
     @property
     def names(self) -> list[str]:
@@ -166,10 +165,9 @@ class Picture:
         textures = {part.texture.key: part.texture for part in self._lookups()}
         sampled = {}
         for key, texture in textures.items():
-            pixels = load(texture.image)
-            if pixels is None:
-                return None, [f"image '{texture.name}' cannot be read"]
-            sampled[key], warning = channel_of(pixels, texture.image, "COLOR", texture.is_straight)
+            sampled[key], warning = texture.colours(load)
+            if sampled[key] is None:
+                return None, [warning] if warning else []
             if warning:
                 warnings[warning] = None
         width, height = self.size()
@@ -219,7 +217,7 @@ class _Texels:
     def source(self, source: Source) -> np.ndarray:
         return self._uv
 
-    def look_up(self, texture: Texture, coordinates: np.ndarray) -> np.ndarray:
+    def look_up(self, texture: Texture | BakedTexture, coordinates: np.ndarray) -> np.ndarray:
         coordinates = np.broadcast_to(coordinates, (len(self._uv), 3))
         return sample(self._images[texture.key], coordinates[:, :2], texture.extension, texture.interpolation)
 

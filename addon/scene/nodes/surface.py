@@ -8,7 +8,7 @@ import bpy
 
 from . import readers  # noqa: F401 (what reads its nodes)
 from .closures import Closure, closure_at
-from .graph import Graph, Situation
+from .graph import Graph, Leaves, Situation
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +26,8 @@ class Surface:
         return back if front.is_clear else front
 
 
-def surface_at(socket: bpy.types.NodeSocket) -> Surface:
-    """Of the shader at the input of a material's output."""
+def surface_at(socket: bpy.types.NodeSocket, leaves: Leaves | None = None) -> Surface:
+    """Of the shader at the input of a material's output. `leaves`: see Graph."""
     asked: set[str] = set()
     warnings: dict[str, None] = {}
     closures: dict[Situation, Closure] = {}
@@ -35,7 +35,7 @@ def surface_at(socket: bpy.types.NodeSocket) -> Surface:
     def closure(is_shadow: bool, is_back: bool) -> Closure:
         situation = Situation(is_shadow and "ray" in asked, is_back and "side" in asked)
         if situation not in closures:
-            graph = Graph(situation, asked, warnings)
+            graph = Graph(situation, asked, warnings, leaves)
             closures[situation] = closure_at(graph, socket)
         return closures[situation]
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
 
-from ..pixels import has_own_alpha
+from ..pixels import channel_of, has_own_alpha
 from ..tiles import TileRange, range_of, unreadable_tile
 from .arithmetic import normalized, safe_divide
 from .graph import At
@@ -27,6 +28,9 @@ from .values import (
     unread,
     variable,
 )
+
+Loader = Callable[[bpy.types.Image], np.ndarray | None]
+"""(H, W, 4) f32 as Blender keeps them, or None."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +56,18 @@ class Texture:
     @property
     def key(self) -> str:
         return f"{self.name}#{self.extension}#{self.interpolation}#{self.is_straight}"
+
+    @property
+    def words(self) -> str:
+        return f"image '{self.name}'"
+
+    def colours(self, load: Loader) -> tuple[np.ndarray | None, str]:
+        """(H, W, 4) f32 in the working space, row 0 at the bottom; None where it cannot be read. A warning
+        or ''."""
+        pixels = load(self.image)
+        if pixels is None:
+            return None, f"{self.words} cannot be read"
+        return channel_of(pixels, self.image, "COLOR", self.is_straight)
 
 
 @value_of(

@@ -1,0 +1,273 @@
+"""Reading materials exactly: what no reader of nodes covers Blender bakes, over each mesh that shows it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+
+import bpy
+import numpy as np
+
+from ...core.arrays import MeshArrays
+from ...core.errors import StrataError, one_line
+from ...core.graph import Graph
+from ...core.outline import Outline
+from ...core.shot import Raster
+from ..materials import BASE_COLOUR, OPACITY, Images, ReadMaterial, read_material
+from ..mesh_arrays import mesh_arrays
+from ..pixels import LARGEST
+from .layout import layout_of
+from .leaves import Appearance, BakedLeaves, Leaf, random_of
+from .mesh_content import generated_of, mesh_digest
+from .size import area_of, size_for
+from .store import STORE, Store
+from .workshop import SAMPLES, Work, Workshop
+
+_WANTS = {OPACITY: "opacity", BASE_COLOUR: "base_color"}  # what a graph calls them
+
+SECONDS_EACH, SAMPLES_PER_SECOND = 0.3, 1.5e6
+"""What Cycles takes for each output of a node on each mesh, before and while it bakes, on two cores."""
+
+
+@dataclass(eq=False)
+class ExactMesh:
+    """A mesh of the depsgraph that is being read. `corner_uvs` (C, 2) f32: where its faces are baked."""
+
+    source: bpy.types.Mesh | None
+    digest: str
+    size: int
+    corner_uvs: np.ndarray
+    generated: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A material as it is on some slots of a mesh, of `slot_count`."""
+
+    material: bpy.types.Material | None
+    name: str
+    mesh: ExactMesh
+    slots: tuple[int, ...]
+    slot_count: int
+    appearance: Appearance
+    read: ReadMaterial
+    leaves: tuple[Leaf, ...]
+
+
+@dataclass(eq=False)
+class Exact:
+    """What one job reads exactly: it is the same for all of its scans. `made` is what it has baked so far, by
+    keys, and `seconds` what that took; `failed` is what cannot be, and why. Without `can_bake` only what is
+    known already is read so."""
+
+    store: Store = field(default_factory=lambda: STORE)
+    made: dict[str, np.ndarray] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+    can_bake: bool = True
+    _waiting: list[Work] = field(default_factory=list)
+    _copies: list[bpy.types.Mesh] = field(default_factory=list)
+
+    def known(self, key: str) -> np.ndarray | None:
+        return self.made[key] if key in self.made else self.store.get(key)
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether there is anything to bake before it can be read."""
+        return bool(self._waiting)
+
+    def wait_for(self, parts: Iterable[Part]) -> None:
+        """Takes of the depsgraph what is needed to bake what is not known of these, before it is gone."""
+        works: dict[tuple, Work] = {}
+        copies: dict[int, bpy.types.Mesh] = {}
+        waiting: set[str] = set()
+        for part in parts:
+            mesh, leaves = part.mesh, self.missing(part)
+            leaves = [leaf for leaf in leaves if leaf.key not in waiting]
+            waiting.update(leaf.key for leaf in leaves)
+            if not leaves:
+                continue
+            if id(mesh) not in copies:
+                copies[id(mesh)] = mesh.source.copy()
+                self._copies.append(copies[id(mesh)])
+            key = id(mesh), part.appearance
+            if key not in works:
+                works[key] = Work(copies[id(mesh)], mesh.corner_uvs, mesh.generated, mesh.size,
+                                  part.slot_count, {}, part.appearance)  # fmt: skip
+                self._waiting.append(works[key])
+            for slot in part.slots:
+                works[key].leaves[slot] = part.material, leaves
+
+    def missing(self, part: Part) -> list[Leaf]:
+        """What of it is not baked yet."""
+        return [leaf for leaf in part.leaves if self.known(leaf.key) is None]
+
+    def bake(self, scene: bpy.types.Scene, frame: int, show: Callable[[float], None] | None = None) -> None:
+        """All that waits, outside of any render. What goes wrong with one mesh goes to `failed`. `show` is
+        told the share that is done."""
+        try:
+            with Workshop(scene, frame, scene.frame_subframe) as workshop:
+                for number, work in enumerate(self._waiting):
+                    if show:
+                        show(number / len(self._waiting))
+                    self._bake(workshop, work)
+        except StrataError as error:
+            self._fail(self._waiting, error)
+        finally:
+            self.discard()
+
+    def _bake(self, workshop: Workshop, work: Work) -> None:
+        started = time.perf_counter()
+        try:
+            for leaf, values in workshop.bake(work):
+                self.made[leaf.key] = values
+                self.store.put(leaf.key, values)
+                now = time.perf_counter()
+                self.seconds[leaf.key], started = now - started, now
+        except Exception as error:  # of one mesh; the others are still worth it
+            self._fail([work], error)
+
+    def _fail(self, works: Iterable[Work], error: BaseException) -> None:
+        reason = one_line(error)
+        keys = (leaf.key for work in works for _, leaves in work.leaves.values() for leaf in leaves)
+        self.failed |= {key: reason for key in keys if key not in self.made}
+
+    def discard(self) -> None:
+        """What waits is not baked."""
+        copies, self._copies = self._copies, []
+        self._waiting = []
+        bpy.data.batch_remove(copies)
+
+    def told(self, parts: Iterable[Part]) -> list[str]:
+        """A line for each material: what of it Blender bakes, and what that takes or took."""
+        by_material: dict[str, list[Part]] = {}
+        for part in parts:
+            by_material.setdefault(part.name, []).append(part)
+        return [self._line(name, of_material) for name, of_material in by_material.items()]
+
+    def _line(self, name: str, parts: list[Part]) -> str:
+        leaves = {leaf.key: part.mesh.size for part in parts for leaf in part.leaves}
+        what = " and ".join(use for use in parts[0].read.baked if any(part.read.baked[use] for part in parts))
+        sizes = sorted(set(leaves.values()))
+        texels = (
+            f"{sizes[0]} texels a side" if len(sizes) == 1 else f"{sizes[0]} to {sizes[-1]} texels a side"
+        )
+        where = f" of {len(parts)} meshes" if len(parts) > 1 else ""
+        missing = [key for key in leaves if key not in self.made and not self.store.has(key)]
+        if missing:
+            seconds = sum(seconds_to_bake(leaves[key]) for key in missing)
+            return (
+                f"material '{name}': {what}{where} to be baked by Blender at {texels}, about {seconds:.1f} s"
+            )
+        seconds = sum(self.seconds.get(key, 0.0) for key in leaves)
+        took = f"in {seconds:.1f} s" if seconds else "kept from before"
+        return f"material '{name}': {what}{where} baked by Blender at {texels}, {took}"
+
+
+def seconds_to_bake(size: int) -> float:
+    """What an output of a node takes on a mesh, about."""
+    return SECONDS_EACH + SAMPLES * size * size / SAMPLES_PER_SECOND
+
+
+@dataclass(eq=False)
+class ExactScan:
+    """What one scan finds to be read exactly. `parts` are by material of the outline; `warnings` are to be
+    told."""
+
+    exact: Exact
+    images: Images
+    parts: dict[int, Part] = field(default_factory=dict)
+    warnings: dict[str, None] = field(default_factory=dict)
+    raster: Raster | None = None
+    _arrays: dict[int, tuple[MeshArrays, np.ndarray, str]] = field(default_factory=dict)
+    _meshes: dict[tuple[int, int], ExactMesh] = field(default_factory=dict)
+    _upstream: dict[int, dict[tuple, object]] = field(default_factory=dict)
+
+    def mesh_of(
+        self, data: bpy.types.Mesh, shown: bpy.types.Object, appearance: Appearance
+    ) -> ExactMesh | None:
+        """As fine as it has to be where an object shows it; None where it has too many faces."""
+        pointer = data.as_pointer()
+        if pointer not in self._arrays:
+            generated = generated_of(data)
+            arrays = mesh_arrays(data, False, shown.name, [])
+            self._arrays[pointer] = arrays, generated, mesh_digest(data, generated)
+        arrays, generated, digest = self._arrays[pointer]
+        if not len(arrays.corner_vertices):
+            return None
+        matrix = np.array(appearance.matrix, np.float64)
+        size = size_for(self.raster, shown, matrix, area_of(arrays, matrix), len(data.polygons))
+        if size > LARGEST:
+            told = f"object '{shown.name}': its materials are not baked, it has too many faces"
+            self.warnings[told] = None
+            return None
+        if (pointer, size) not in self._meshes:
+            uvs = layout_of(arrays.positions, arrays.corner_vertices, arrays.face_starts, size)
+            self._meshes[pointer, size] = ExactMesh(data, digest, size, uvs, generated)
+        return self._meshes[pointer, size]
+
+    def read(
+        self,
+        material: bpy.types.Material,
+        mesh: ExactMesh,
+        slots: tuple[int, ...],
+        slot_count: int,
+        appearance: Appearance,
+        has_many: bool,
+    ) -> Part | list[str]:
+        """A material on slots of a mesh; where nothing more is read of it so, its warnings, which say why.
+        `has_many`: it is shown by many instances, of which `appearance` is the first."""
+        upstream = self._upstream.setdefault(material.as_pointer(), {})
+        leaves = BakedLeaves(
+            mesh.digest, slots, mesh.size, None if has_many else appearance,
+            self.exact.known, self.exact.failed, self.exact.can_bake, upstream,
+        )  # fmt: skip
+        read = read_material(material, self.images, leaves)
+        keys = frozenset().union(*read.baked.values())
+        if not keys and read.unread:
+            return read.warnings
+        used = tuple(leaf for key, leaf in leaves.found.items() if key in keys)
+        return Part(material.original, material.name_full, mesh, slots, slot_count, appearance, read, used)
+
+    def without_sources(self) -> ExactScan:
+        """Without Blender's own data."""
+        none = np.zeros((0, 2), np.float32)
+        parts = {
+            index: replace(
+                part, material=None, mesh=replace(part.mesh, source=None, corner_uvs=none, generated=none)
+            )
+            for index, part in self.parts.items()
+        }
+        return ExactScan(self.exact, Images(), parts)
+
+    @staticmethod
+    def is_for(read: ReadMaterial) -> bool:
+        """Whether a material is to be read exactly. One whose opacity is read well is not for its colours'
+        sake: all its pictures would lie where things are baked, and be coarser."""
+        opacities = read.material.opacities
+        return OPACITY in read.unread or (bool(read.unread) and all(each.is_uniform for each in opacities))
+
+    def needed(self, graph: Graph, outline: Outline) -> list[Part]:
+        """Those of which a plan reads anything that is baked, with that alone."""
+        materials = outline.instances.materials_of(frozenset(graph.instances))
+        found = []
+        for index, part in self.parts.items():
+            keys = (
+                part.read.baked.get(use, frozenset()) for use, want in _WANTS.items() if want in graph.wants
+            )
+            keys = frozenset().union(*keys)
+            leaves = tuple(leaf for leaf in part.leaves if leaf.key in keys)
+            if leaves and index in materials:
+                found.append(replace(part, leaves=leaves))
+        return found
+
+
+def appearance_of(instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> Appearance:
+    """Of an instance that stands for its object."""
+    return Appearance(
+        tuple(tuple(row) for row in instance.matrix_world),
+        tuple(shown.color),
+        shown.pass_index,
+        random_of(shown.original.name),
+    )

@@ -1,0 +1,368 @@
+"""What Blender bakes of materials: where it lies, by what it is known again, and what is left of it."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+from strata.addon.bake import bake, read_scene
+from strata.addon.planning import Options
+from strata.addon.scene.exact import reading, workshop
+from strata.addon.scene.exact.layout import SMALLEST, layout_of, least_size
+from strata.addon.scene.exact.leaves import random_of
+from strata.addon.scene.exact.store import Store
+from strata.addon.scene.exact.upstream import upstream_of
+from strata.addon.scene.nodes.graph import Graph
+from strata.tests.support.cycles_card import card_scene, rendered
+from strata.tests.support.procedural import card, clear_by, coordinates, floor_scene, noise
+
+OPTIONS = Options(("soft_shadow",), "cpu", samples=1, probes=0, read="exact")
+
+
+@pytest.fixture(autouse=True)
+def store(monkeypatch):
+    """One of its own, in memory."""
+    made = Store(None)
+    monkeypatch.setattr(reading, "STORE", made)
+    return made
+
+
+def read(scene, **changed):
+    return read_scene(scene, scene.view_layers[0], replace(OPTIONS, **changed), size=(32, 18))
+
+
+def everything() -> list[str]:
+    """All that is in the file."""
+    found = []
+    for name in dir(bpy.data):
+        collection = getattr(bpy.data, name)
+        if isinstance(collection, bpy.types.bpy_prop_collection):
+            found += [
+                f"{name} {each.name} {each.users}" for each in collection if isinstance(each, bpy.types.ID)
+            ]
+    return sorted(found)
+
+
+# Where faces lie
+
+
+def grid(width: int, height: int):
+    """Quads of a grid, as arrays of a mesh."""
+    x, y = np.meshgrid(np.arange(width + 1.0), np.arange(height + 1.0))
+    positions = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1).astype(np.float32)
+    first = (np.arange(height)[:, None] * (width + 1) + np.arange(width)).ravel()
+    corners = np.stack([first, first + 1, first + width + 2, first + width + 1], axis=1)
+    return positions, corners.ravel().astype(np.int32), np.arange(0, 4 * len(first) + 1, 4, dtype=np.int32)
+
+
+def covered(uvs: np.ndarray, starts: np.ndarray, size: int) -> np.ndarray:
+    """(size, size) how many faces have a texel's middle in their box."""
+    count = np.zeros((size, size), int)
+    for start, end in itertools.pairwise(starts):
+        low, high = uvs[start:end].min(axis=0) * size, uvs[start:end].max(axis=0) * size
+        (x0, y0), (x1, y1) = np.ceil(low - 0.5).astype(int), np.floor(high - 0.5).astype(int)
+        count[y0 : y1 + 1, x0 : x1 + 1] += 1
+    return count
+
+
+def test_faces_lie_apart_and_within_the_picture():
+    rng = np.random.default_rng(5)
+    faces = [rng.normal(size=(rng.integers(3, 7), 3)) * 10.0 ** rng.uniform(-2, 2) for _face in range(300)]
+    faces += [np.zeros((3, 3)), np.full((4, 3), np.nan), np.outer(np.arange(3.0), [1, 0, 0])]
+    positions = np.concatenate(faces).astype(np.float32)
+    starts = np.concatenate([[0], np.cumsum([len(face) for face in faces])]).astype(np.int32)
+    size = 256
+    uvs = layout_of(positions, np.arange(len(positions), dtype=np.int32), starts, size)
+    assert uvs.dtype == np.float32
+    assert uvs.min() > 0.0
+    assert uvs.max() < 1.0
+    count = covered(uvs, starts, size)
+    assert count.max() == 1
+    assert count.mean() > 0.25  # powers of two: at worst a quarter is used
+
+
+def test_what_is_baked_of_a_grid_goes_on_from_face_to_face():
+    """Corners are at the outermost texels' middles: interpolation there is of what lies there."""
+    positions, corners, starts = grid(6, 5)
+    size = 64
+    uvs = layout_of(positions, corners, starts, size)
+    beside = np.abs(uvs * size - 0.5 - np.round(uvs * size - 0.5))
+    np.testing.assert_allclose(beside, 0.01, atol=1e-4)
+    assert covered(uvs, starts, size).max() == 1
+
+
+@pytest.mark.parametrize("faces", [1, 2, 5, 1000, 65536])
+def test_there_is_room_for_every_face(faces):
+    size = least_size(faces)
+    assert faces * SMALLEST**2 <= size * size < 4 * max(faces * SMALLEST**2, 4)
+    if faces > 1000:
+        return
+    positions, corners, starts = grid(faces, 1)
+    assert covered(layout_of(positions, corners, starts, size), starts, size).max() == 1
+
+
+# By what it is known again
+
+
+def digest(socket) -> str:
+    return upstream_of(Graph(), socket.node, socket, ()).digest
+
+
+def test_a_digest_changes_with_what_a_node_hangs_on_alone():
+    floor_scene()
+    material = bpy.data.materials.new("Card")
+    tree = material.node_tree
+    texture, ramp = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeValToRGB")
+    tree.links.new(ramp.outputs[0], texture.inputs["Scale"])
+    socket = texture.outputs[0]
+    seen = [digest(socket)]
+    texture.location, texture.label, texture.select = (5.0, 5.0), "Label", True
+    tree.nodes.new("ShaderNodeTexVoronoi")
+    assert digest(socket) == seen[0]
+    for change in (
+        lambda: setattr(texture, "noise_dimensions", "4D"),
+        lambda: setattr(texture.inputs["Detail"], "default_value", 3.0),
+        lambda: setattr(ramp.color_ramp.elements[0], "position", 0.25),
+        lambda: setattr(ramp.color_ramp, "interpolation", "CONSTANT"),
+        lambda: tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["UV"], texture.inputs["Vector"]),
+        lambda: setattr(tree.nodes.new("ShaderNodeValue").outputs[0], "default_value", 1.0),
+    ):
+        change()
+        seen.append(digest(socket))
+    assert seen[-1] == seen[-2]  # a node that is not linked
+    assert len(set(seen)) == len(seen) - 1
+
+
+def test_what_only_an_eye_can_tell_stays_unread():
+    scene = floor_scene()
+
+    def by_eye(tree):
+        fresnel = tree.nodes.new("ShaderNodeFresnel")
+        texture = tree.nodes.new("ShaderNodeTexNoise")
+        tree.links.new(fresnel.outputs[0], texture.inputs["Scale"])
+        return texture.outputs[0]
+
+    card(clear_by("Card", by_eye))
+    outline, *_ = read(scene)
+    assert outline.warnings == (
+        "material 'Card': node 'Noise Texture' is not read for opacity, it counts as opaque",
+    )
+    assert any(material.unread_opacity for material in outline.materials)
+    assert not outline.baked
+
+
+def test_objects_share_what_does_not_tell_them_apart(monkeypatch):
+    baked = []
+    bake_one = workshop.Workshop.bake
+
+    def counted(self, work):
+        for leaf, values in bake_one(self, work):
+            baked.append(leaf.key)
+            yield leaf, values
+
+    monkeypatch.setattr(workshop.Workshop, "bake", counted)
+    scene = floor_scene()
+    material = clear_by("Card", noise)
+    for place in range(3):
+        card(material, (0.1 * place, 0.0, 1.0 + place))
+    outline, *_ = read(scene)
+    assert len(baked) == 1
+    (line,) = outline.baked
+    assert "opacity baked by Blender" in line
+    # The world's place tells them apart.
+    tree = material.node_tree
+    position = tree.nodes.new("ShaderNodeNewGeometry").outputs["Position"]
+    tree.links.new(position, tree.nodes["Noise Texture"].inputs["Vector"])
+    outline, *_ = read(scene)
+    assert len(baked) == 4
+    assert "of 3 meshes" in outline.baked[0]
+    # All is known now.
+    outline, *_ = read(scene)
+    assert len(baked) == 4
+    assert outline.baked[0].endswith("kept from before")
+    assert not outline.warnings
+
+
+def test_random_numbers_of_objects_are_those_of_cycles(tmp_path):
+    shown = card_scene((1, 1))
+    material = bpy.data.materials.new("Card")
+    shown.data.materials.append(material)
+    tree = material.node_tree
+    emission = tree.nodes.new("ShaderNodeEmission")
+    tree.links.new(tree.nodes.new("ShaderNodeObjectInfo").outputs["Random"], emission.inputs["Color"])
+    tree.links.new(emission.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    for name in ("Card", "Leaf.001", "Blätter"):
+        shown.name = name
+        # Through a pixel filter.
+        assert rendered(tmp_path)[0, 0, 0] == pytest.approx(random_of(name), rel=1e-5)
+
+
+# Nothing is left of it, and nothing stops a bake
+
+
+def kinds_of_scene():
+    scene = floor_scene()
+    group = bpy.data.node_groups.new("Group", "ShaderNodeTree")
+    group.interface.new_socket("Value", in_out="OUTPUT", socket_type="NodeSocketFloat")
+    group.links.new(noise(group), group.nodes.new("NodeGroupOutput").inputs[0])
+
+    def by_group(tree):
+        node = tree.nodes.new("ShaderNodeGroup")
+        node.node_tree = group
+        return node.outputs[0]
+
+    card(clear_by("Card", by_group))
+    return scene
+
+
+def test_nothing_of_it_stays_in_the_file():
+    scene = kinds_of_scene()
+    read(scene, read="fast")  # makes Blender's Render Result
+    before, selected = everything(), bpy.context.object
+    outline, *_ = read(scene)
+    assert outline.baked
+    assert everything() == before
+    assert bpy.context.object == selected
+    assert bpy.context.scene == scene
+
+
+@pytest.mark.parametrize("failure", [KeyboardInterrupt, RuntimeError, workshop.StrataError])
+def test_nothing_of_it_stays_where_it_fails(monkeypatch, failure):
+    scene = kinds_of_scene()
+    read(scene, read="fast")
+    before = everything()
+
+    def fails(*_):
+        raise failure("no luck")
+
+    monkeypatch.setattr(workshop.Workshop, "_baked", fails)
+    if failure is KeyboardInterrupt:
+        with pytest.raises(KeyboardInterrupt):
+            read(scene)
+    else:
+        outline, *_ = read(scene)
+        (warning,) = outline.warnings
+        assert warning.startswith("material 'Card': node 'Noise Texture' (")
+        assert "no luck" in warning
+        assert warning.endswith("is not read for opacity, it counts as opaque")
+    assert everything() == before
+
+
+def test_a_scene_with_nothing_to_bake_is_read_once(monkeypatch):
+    def fails(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(workshop.Workshop, "__enter__", fails)
+    scene = floor_scene()
+    card(bpy.data.materials.new("Card"))
+    outline, *_ = read(scene)
+    assert not outline.baked
+
+
+def test_meshes_of_all_kinds():
+    """Without UVs, with faces of no area, with none, hidden, in Edit Mode, in a scene for another engine."""
+    scene = floor_scene()
+    scene.render.engine = "BLENDER_EEVEE"
+    material = clear_by("Card", noise)
+    bare = card(material)
+    bare.data.uv_layers.remove(bare.data.uv_layers[0])
+    flat = card(material, (0.0, 0.0, 2.0))
+    flat.data.vertices.foreach_set("co", np.zeros(12, np.float32))
+    flat.data.update()
+    none = card(material)
+    none.data.clear_geometry()
+    broken = card(material, (0.2, 0.0, 3.0))
+    broken.data.vertices[0].co.x = float("nan")
+    card(material, (0.0, 1.0, 1.5)).hide_set(True)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    edited = card(material, (0.0, -1.0, 1.5))
+    bpy.ops.object.mode_set(mode="EDIT")
+    outline, *_ = read(scene)
+    assert bpy.context.object == edited
+    assert bpy.context.mode == "EDIT_MESH"
+    assert outline.baked
+    shown = {index for instance in outline.instances for index in instance.materials}
+    assert not any(outline.materials[index].unread_opacity for index in shown)
+
+
+def test_instances_that_nodes_tell_apart_stay_unread():
+    scene = floor_scene()
+    shown = card(clear_by("Card", lambda tree: tree.nodes.new("ShaderNodeObjectInfo").outputs["Random"]))
+    collection = bpy.data.collections.new("Cards")
+    scene.collection.children.link(collection)
+    for place in range(2):
+        empty = bpy.data.objects.new("Empty", None)
+        empty.instance_type, empty.instance_collection = "COLLECTION", collection
+        empty.location = (place, 0.0, 1.0)
+        scene.collection.objects.link(empty)
+    scene.collection.objects.unlink(shown)
+    collection.objects.link(shown)
+    bpy.context.view_layer.layer_collection.children["Cards"].exclude = True
+    outline, *_ = read(scene)
+    assert "(it differs between instances)" in outline.warnings[0]
+
+
+def test_a_colour_by_a_voronoi_is_what_cycles_shows(tmp_path):
+    shown = card_scene((24, 24))
+    material = bpy.data.materials.new("Card")
+    shown.data.materials.append(material)
+    tree = material.node_tree
+    texture = tree.nodes.new("ShaderNodeTexVoronoi")
+    texture.inputs["Scale"].default_value = 3.0
+    tree.links.new(coordinates(tree, "Object"), texture.inputs["Vector"])
+    tree.links.new(texture.outputs["Position"], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    light = bpy.data.lights.new("Sun", "SUN")
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("Sun", light))
+    scene = bpy.context.scene
+    outline, _, arrays, _ = read(scene, composite=True)
+    (index,) = {each.base_color_image for each in outline.materials} - {None}
+    emission = tree.nodes.new("ShaderNodeEmission")
+    tree.links.new(texture.outputs["Position"], emission.inputs["Color"])
+    tree.links.new(emission.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    seen = rendered(tmp_path)[..., :3]
+    texels = arrays.textures[index][..., :3]
+    # The card's square fills the picture; every pixel of 24 has a texel's middle near its own.
+    ticks = np.clip(np.round((np.arange(24) + 0.5) / 24 * len(texels) - 0.5).astype(int), 0, None)
+    found = texels[ticks][:, ticks]
+    # Cells have sharp edges: there a texel may lie on the other side.
+    assert (np.abs(found - seen).max(axis=-1) < 0.01).mean() > 0.95
+
+
+# The cache
+
+
+def test_a_store_keeps_what_it_is_given(tmp_path):
+    values = np.random.default_rng(1).normal(size=(4, 4, 3)).astype(np.float32)
+    Store(tmp_path / "cache").put("a", values)
+    np.testing.assert_array_equal(Store(tmp_path / "cache").get("a"), values)
+    assert Store(tmp_path / "cache").get("b") is None
+    (tmp_path / "cache" / "a.npy").write_bytes(b"\x93NUMPY not whole")
+    assert Store(tmp_path / "cache").get("a") is None
+
+
+def test_a_store_throws_away_what_was_used_longest_ago(tmp_path):
+    values = np.zeros((8, 8, 1), np.float32)
+    store = Store(tmp_path, most_memory=2 * values.nbytes, most_on_disk=3 * (values.nbytes + 200))
+    for number, key in enumerate("abcd"):
+        store.put(key, values)
+        os.utime(tmp_path / f"{key}.npy", (number, number))
+    assert sorted(path.stem for path in tmp_path.glob("*.npy")) == ["b", "c", "d"]
+    assert store.get("a") is None
+
+
+def test_a_folder_that_cannot_be_written_to_is_told_once(tmp_path, store):
+    blocked = tmp_path / "file"
+    blocked.write_text("no folder")
+    store.folder = blocked / "cache"
+    scene = floor_scene()
+    card(clear_by("Card", noise))
+    outline, *_ = read(scene)
+    assert outline.baked
+    (warning,) = outline.warnings
+    assert warning.startswith("what Blender bakes is kept in memory only")
+    baked = bake(scene, scene.view_layers[0], OPTIONS, size=(32, 18))
+    assert baked.report.baked[0].endswith("kept from before")
