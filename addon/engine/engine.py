@@ -92,7 +92,7 @@ class StrataRenderEngine(bpy.types.RenderEngine):
         self.update_stats("", "Strata: Reading the scene")
         # Passes are known before there is a plan, and none is of an error.
         options = options_of(depsgraph.scene_eval, composite=True, error_images=False)
-        # Blender bakes nothing while it renders.
+        # To bake inside of a render ends an animation with a segmentation fault (Blender 5.2).
         *read, seconds = read_depsgraph(depsgraph, options, exact=Exact(can_bake=False))
         devices = start_devices(options.backend)
         try:

@@ -182,7 +182,7 @@ def _picture(context, region, space, region_3d, viewport: Viewport):
     if key not in _state.sessions:
         _state.sessions[key] = Session(options.backend)
     session = _state.shown[region.as_pointer()] = _state.sessions[key]
-    session.read(depsgraph, space, placement, options.seed)
+    session.read(depsgraph, space, placement, options.seed, options.read)
     budget_ms = frame_budget_ms_of(scene)
     is_new = viewport.show(session, placement, options, settings.layer, budget_ms, settings.longest_s)
     if not is_new and _works_in_draw(session) and viewport.has_work and viewport.wait() == 0.0:

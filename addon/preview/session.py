@@ -17,10 +17,13 @@ from ..core.executor import Executor
 from ..core.free_memory import free_bytes
 from ..core.graph import Graph
 from ..core.outline import Image, Light, Mesh, Outline
+from ..core.read import Read
 from ..core.shot import Shot
 from ..devices.start import Devices, start_devices
 from ..effects.shared.coarse_picture import seen_boxes
 from ..planning import Options, plan_scene
+from ..scene.exact.reading import Exact
+from ..scene.exact.store import STORE
 from ..scene.extract import extract, with_known_clips
 from ..scene.known_texels import KnownTexels
 from ..scene.rescan import Changes, patched
@@ -60,15 +63,23 @@ class Session:
         self._coarse_pictures: dict[tuple, np.ndarray] = {}
 
     def read(
-        self, depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D, placement: Placement, seed: int
+        self,
+        depsgraph: bpy.types.Depsgraph,
+        space: bpy.types.SpaceView3D,
+        placement: Placement,
+        seed: int,
+        read: str = Read.FAST.value,
     ) -> None:
-        """Reads what has changed; `space` is the viewport whose visibility counts."""
+        """Reads what has changed; `space` is the viewport whose visibility counts. `read`: how materials are;
+        only what is baked already is read exactly."""
         hides = hides_objects(space)
+        reads_exactly = read == Read.EXACT.value
         # Blender's updates do not tell of what is hidden or shown, nor of frames.
         content = (
             depsgraph.scene.frame_current_final,
             len(depsgraph.objects),
             _shown(space, depsgraph) if hides else None,
+            STORE.version if reads_exactly else None,  # what is baked meanwhile shows
         )
         is_other = content != self._content
         if not (self.changes or is_other):
@@ -76,7 +87,8 @@ class Session:
         changes, self.changes, self._content = self.changes, Changes(), content
         if is_other or not self._patch(changes, depsgraph):
             shows = (lambda thing: shown_in(space, thing)) if hides else None
-            asked = ScanOptions(size=(2, 2), camera=placement.camera, seed=seed, shows=shows)
+            exact = Exact(can_bake=False) if reads_exactly else None
+            asked = ScanOptions(size=(2, 2), camera=placement.camera, seed=seed, shows=shows, exact=exact)
             self._take(scan(depsgraph, asked))
         self.version = next(_versions)
 

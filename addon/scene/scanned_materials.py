@@ -10,7 +10,7 @@ import bpy
 
 from ..core.outline import Material
 from .displacement import displacement_of
-from .exact.reading import Exact, ExactMesh, ExactScan, Part, appearance_of
+from .exact.reading import Appearance, Exact, ExactMesh, ExactScan, Part, appearance_of
 from .materials import Images, ReadMaterial, default_material, read_material
 from .missing import Missing, named
 from .nodes.values import Value
@@ -69,14 +69,27 @@ class ScannedMaterials:
         lacking = [slot for slot in dict.fromkeys(slots) if slot in self._to_bake]
         if not lacking or not isinstance(data, bpy.types.Mesh):
             return slots, None
-        appearance, found = appearance_of(instance, shown), {}
-        mesh = self.exactly.mesh_of(data, shown, appearance)
-        if mesh is None:
-            return slots, None
+        appearance = appearance_of(instance, shown)
+        for mesh in self.exactly.meshes_of(data, shown, appearance):
+            found = self._on(mesh, slots, lacking, appearance, instance.is_instance)
+            if found:
+                return tuple(found.get(slot, slot) for slot in slots), mesh
+        return slots, None
+
+    def _on(
+        self,
+        mesh: ExactMesh,
+        slots: tuple[int, ...],
+        lacking: list[int],
+        appearance: Appearance,
+        has_many: bool,
+    ) -> dict[int, int]:
+        """What stands for materials on a mesh."""
+        found: dict[int, int] = {}
         for slot in lacking:
             where = tuple(number for number, each in enumerate(slots) if each == slot)
             material = self._to_bake[slot]
-            part = self.exactly.read(material, mesh, where, len(slots), appearance, instance.is_instance)
+            part = self.exactly.read(material, mesh, where, len(slots), appearance, has_many)
             if not isinstance(part, Part):
                 self._warnings[slot] = part
                 continue
@@ -88,7 +101,7 @@ class ScannedMaterials:
                     if slot in told:
                         told[index] = told[slot]
             found[slot] = self._exact_indices[key]
-        return tuple(found.get(slot, slot) for slot in slots), mesh if found else None
+        return found
 
     def _index(self, material: bpy.types.Material | None) -> int:
         pointer = 0 if material is None else material.original.session_uid

@@ -224,7 +224,7 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
         ),
         "read": bpy.props.EnumProperty(
             name="Materials",
-            description="How a bake reads materials. Previews read them by their nodes alone",
+            description="How materials are read. F12 and previews take what a bake has kept",
             items=[(each.value, each.name.capitalize(), each.doc) for each in Read],
             default=Read.FAST.value,
         ),

@@ -64,7 +64,7 @@ How that is done:
   nothing. It is kept in the user's folder for caches (at most 4 GB, what was used last; another folder by the
   environment variable `STRATA_CACHE`, none where that is empty), and in memory where that cannot be written.
 - `strata plan` and the report have a line for each such material. What a texel blurs, an audit shows.
-- The render engine (F12) and previews take what is kept, and say what is not baked yet: Blender bakes nothing
+- The render engine (F12) and previews take what is kept, and say what is not baked yet: Blender cannot bake
   while it renders. Bake once before.
 """
 

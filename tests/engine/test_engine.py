@@ -20,6 +20,7 @@ from strata.addon.scene.open import choose, open_blend
 from strata.ops.cli import main
 from strata.tests.support.exr_layers import read_layers
 from strata.tests.support.places import SAMPLES
+from strata.tests.support.procedural import card, clear_by, floor_scene, noise
 from strata.tests.support.render_passes import read_passes, write_multilayer
 
 # 0.2 s is the promise; five times that where others use the same cores.
@@ -378,3 +379,22 @@ def test_compatible_panels_come_and_go():
     assert all("STRATA" in panel.COMPAT_ENGINES for panel in own)
     strata.register()
     assert compatible() == there
+
+
+def test_what_blender_bakes_of_materials_is_there_in_a_render_too(tmp_path):
+    scene = floor_scene()
+    card(clear_by("Card", noise))
+    scene.render.engine = "STRATA"
+    scene.render.resolution_x, scene.render.resolution_y = 80, 45
+    scene.strata.backend, scene.strata.samples, scene.strata.probes = "cpu", 2, 0
+    scene.strata.read = "exact"
+    write_multilayer(scene, tmp_path / "render.exr")
+    bpy.ops.render.render(write_still=True)
+    opaque = read_passes(tmp_path / "render.exr")["ViewLayer.Soft Shadow Sun"]
+    (baked,) = baked_by_the_command(tmp_path, "1").values()
+    # It is kept now.
+    write_multilayer(scene := bpy.context.scene, tmp_path / "render.exr")
+    bpy.ops.render.render(write_still=True)
+    assert_same_passes(read_passes(tmp_path / "render.exr"), baked)
+    (shadow,) = baked.values()
+    assert shadow.mean() > opaque.mean() + 0.05

@@ -18,6 +18,7 @@ from strata.addon.scene.nodes.pictures import Picture
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.viewport import Placement, hides_objects
 from strata.tests.support.places import SAMPLES
+from strata.tests.support.procedural import card, clear_by, floor_scene, noise
 
 SIZE = (160, 90)
 SMALL_MAPS = {"soft_shadow": {"resolution": 256}}
@@ -63,7 +64,7 @@ class Watched:
         """What a redraw runs: how many times by step."""
         depsgraph = self.depsgraph
         assert not hides_objects(Space())
-        self.session.read(depsgraph, Space(), self.placement(), self.options.seed)
+        self.session.read(depsgraph, Space(), self.placement(), self.options.seed, self.options.read)
         asked = self.placement(), self.options, self.layer, BUDGET_MS, self.longest_s
         if not self.viewport.show(self.session, *asked):
             return {}
@@ -387,3 +388,20 @@ def test_a_lights_own_settings_count_and_are_lightened_too(backend):
     placement, options = watched.placement(), watched.options
     assert sides(session.still_plan(placement, options)) == {1024}
     assert sides(session.moving_plan(placement, 0.5, options, 0.25)) == {256}
+
+
+def test_a_preview_shows_what_a_bake_has_kept(tmp_path, monkeypatch):
+    floor_scene()
+    card(clear_by("Card", noise))
+    path = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    watched = Watched(path, "cpu", read="exact")
+    watched.draw()
+    assert any("(not baked yet)" in warning for warning in watched.session.outline.warnings)
+    assert any(material.unread_opacity for material in watched.session.outline.materials)
+    # A picture of another size has other texels, which do as well.
+    bake(watched.scene, watched.view_layer, replace(watched.options, composite=False), size=(960, 540))
+    watched.draw()
+    assert not watched.session.outline.warnings
+    shown = {index for instance in watched.session.outline.instances for index in instance.materials}
+    assert any(watched.session.outline.materials[index].opacity_images for index in shown)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import bpy
@@ -20,7 +20,7 @@ from ..pixels import LARGEST
 from .layout import layout_of
 from .leaves import Appearance, BakedLeaves, Leaf, random_of
 from .mesh_content import generated_of, mesh_digest
-from .size import area_of, size_for
+from .size import area_of, size_for, sizes_for
 from .store import STORE, Store
 from .workshop import SAMPLES, Work, Workshop
 
@@ -137,7 +137,8 @@ class Exact:
         """What waits is not baked."""
         copies, self._copies = self._copies, []
         self._waiting = []
-        bpy.data.batch_remove(copies)
+        if copies:
+            bpy.data.batch_remove(copies)
 
     def told(self, parts: Iterable[Part]) -> list[str]:
         """A line for each material: what of it Blender bakes, and what that takes or took."""
@@ -184,10 +185,11 @@ class ExactScan:
     _meshes: dict[tuple[int, int], ExactMesh] = field(default_factory=dict)
     _upstream: dict[int, dict[tuple, object]] = field(default_factory=dict)
 
-    def mesh_of(
+    def meshes_of(
         self, data: bpy.types.Mesh, shown: bpy.types.Object, appearance: Appearance
-    ) -> ExactMesh | None:
-        """As fine as it has to be where an object shows it; None where it has too many faces."""
+    ) -> Iterator[ExactMesh]:
+        """As fine as it has to be where an object shows it, if it has not too many faces. Where nothing can
+        be baked, others after that: another camera may have asked for them."""
         pointer = data.as_pointer()
         if pointer not in self._arrays:
             generated = generated_of(data)
@@ -195,17 +197,19 @@ class ExactScan:
             self._arrays[pointer] = arrays, generated, mesh_digest(data, generated)
         arrays, generated, digest = self._arrays[pointer]
         if not len(arrays.corner_vertices):
-            return None
+            return
         matrix = np.array(appearance.matrix, np.float64)
         size = size_for(self.raster, shown, matrix, area_of(arrays, matrix), len(data.polygons))
         if size > LARGEST:
             told = f"object '{shown.name}': its materials are not baked, it has too many faces"
             self.warnings[told] = None
-            return None
-        if (pointer, size) not in self._meshes:
-            uvs = layout_of(arrays.positions, arrays.corner_vertices, arrays.face_starts, size)
-            self._meshes[pointer, size] = ExactMesh(data, digest, size, uvs, generated)
-        return self._meshes[pointer, size]
+            return
+        sizes = [size] if self.exact.can_bake else dict.fromkeys([size, *sizes_for(len(data.polygons))])
+        for size in sizes:
+            if (pointer, size) not in self._meshes:
+                uvs = layout_of(arrays.positions, arrays.corner_vertices, arrays.face_starts, size)
+                self._meshes[pointer, size] = ExactMesh(data, digest, size, uvs, generated)
+            yield self._meshes[pointer, size]
 
     def read(
         self,
@@ -229,6 +233,10 @@ class ExactScan:
             return read.warnings
         used = tuple(leaf for key, leaf in leaves.found.items() if key in keys)
         return Part(material.original, material.name_full, mesh, slots, slot_count, appearance, read, used)
+
+    def hangs_on(self, materials: Iterable[int]) -> bool:
+        """Whether any of these is one that is baked."""
+        return not self.parts.keys().isdisjoint(materials)
 
     def without_sources(self) -> ExactScan:
         """Without Blender's own data."""

@@ -34,6 +34,13 @@ def size_for(raster: Raster, shown: bpy.types.Object, matrix: np.ndarray, area: 
     return max(1 << (math.ceil(wanted) - 1).bit_length(), least_size(faces))
 
 
+def sizes_for(faces: int) -> list[int]:
+    """All that `size_for` may give, the finest first."""
+    least = least_size(faces)
+    sizes = [1 << power for power in range(MOST.bit_length() - 1, LEAST.bit_length() - 2, -1)]
+    return [size for size in sizes if size > least] + [max(least, LEAST)]
+
+
 def area_of(mesh: MeshArrays, matrix: np.ndarray) -> float:
     """m² of a mesh's faces in the world."""
     world = np.nan_to_num(mesh.positions.astype(np.float64), posinf=0.0, neginf=0.0) @ matrix[:3, :3].T

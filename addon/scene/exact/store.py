@@ -36,6 +36,7 @@ class Store:
     def __init__(self, folder: Path | None, most_memory: int = MOST_MEMORY, most_on_disk: int = MOST_ON_DISK):
         self.folder = folder
         self.problem = ""
+        self.version = 0  # counts up with what is put in
         self._most_memory, self._most_on_disk = most_memory, most_on_disk
         self._known: dict[str, np.ndarray] = {}  # what was asked for longest ago first
 
@@ -53,6 +54,7 @@ class Store:
         return values
 
     def put(self, key: str, values: np.ndarray) -> None:
+        self.version += 1
         self._remember(key, values)
         if self.folder is None:
             return
