@@ -184,11 +184,11 @@ class Material:
     """What Strata reads of a material. Colours are linear RGB in the working space.
 
     `base_color_image` indexes `Outline.images`, sampled as an opacity's; then the constant beside is not
-    used. They lie on the UV map `uv_map` (empty: the one for rendering), its coordinates moved by the two
-    rows of `uv_matrix`. `seen` is what cameras meet, `casts` what shadow rays and shadow maps meet; where a
-    part of that could not be read, it counts as opaque and `unread_opacity` is True: at some points it may be
-    anything between 0 and 1. `is_holdout`: a hole for cameras. `medium` fills a mesh of this
-    material where it has no surface.
+    used. So does `emission_image`, with its mean as the constant. They lie on the UV map `uv_map` (empty:
+    the one for rendering), its coordinates moved by the two rows of `uv_matrix`. `seen` is what cameras
+    meet, `casts` what shadow rays and shadow maps meet; where a part of that could not be read, it counts
+    as opaque and `unread_opacity` is True: at some points it may be anything between 0 and 1.
+    `is_holdout`: a hole for cameras. `medium` fills a mesh of this material where it has no surface.
     """
 
     name: str
@@ -206,6 +206,7 @@ class Material:
     is_holdout: bool = False
     uv_map: str = ""
     uv_matrix: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    emission_image: int | None = None
 
     @property
     def opacities(self) -> frozenset[Opacity]:

@@ -24,9 +24,10 @@ CORNER_NORMALS = "corner_normals"
 UV = "uv"
 OPACITY = "opacity"
 BASE_COLOR = "base_color"
+EMISSION = "emission"
 VERTEX = "vertex:"
 """With a name after it: the vertex group or the attribute of vertices of that name."""
-WANTS = frozenset({CORNER_NORMALS, UV, OPACITY, BASE_COLOR})
+WANTS = frozenset({CORNER_NORMALS, UV, OPACITY, BASE_COLOR, EMISSION})
 
 
 def extract(
@@ -37,8 +38,8 @@ def extract(
 ) -> Arrays:
     """Arrays of the meshes that `instances` (indices; None: all) show; other meshes stay empty. `wants` is a
     subset of `WANTS`: `CORNER_NORMALS` of smooth meshes, `UV` of meshes with a material that samples a
-    texture, texels for `BASE_COLOR`, texels and factors of corners for `OPACITY`; and may have any `VERTEX`
-    with a name. `known`: texels of the extraction before, which then are those of this one."""
+    texture, texels for `BASE_COLOR` and `EMISSION`, texels and factors of corners for `OPACITY`; and may have
+    any `VERTEX` with a name. `known`: texels of the extraction before, which then are those of this one."""
     outline = scan.outline
     warnings: list[str] = []
     first = _first_instances(outline)
@@ -228,5 +229,6 @@ def texel_bytes(outline: Outline, wants: Collection[str]) -> int:
 def _images_of(material: Material, wants: Collection[str]) -> list[int]:
     """Those of it that are wanted."""
     images = list(material.opacity_images) if OPACITY in wants else []
-    has_colour = BASE_COLOR in wants and material.base_color_image is not None
-    return [*images, material.base_color_image] if has_colour else images
+    images += [material.base_color_image] if BASE_COLOR in wants else []
+    images += [material.emission_image] if EMISSION in wants else []
+    return [image for image in images if image is not None]

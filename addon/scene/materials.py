@@ -21,10 +21,11 @@ from .nodes.opacities import Parts, parts_of
 from .nodes.pictures import Picture, Placement, placement_of
 from .nodes.surface import Surface, surface_at
 from .nodes.values import COLOUR, Attribute, Value, constant
+from .pixels import pixels_of
 from .transforms import as_colour
 from .volumes import volume_of
 
-OPACITY, BASE_COLOUR = "opacity", "base colour"
+OPACITY, BASE_COLOUR, EMISSION = "opacity", "base colour", "emission"
 
 
 class Images:
@@ -62,8 +63,9 @@ def default_material() -> Material:
 
 @dataclass(frozen=True, eq=False)
 class ReadMaterial:
-    """A material and its warnings. `unread` is what of 'opacity' and 'base colour' is not read, and only for
-    what its nodes are. By the same words, `baked` has keys of the textures that Blender bakes for it."""
+    """A material and its warnings. `unread` is what of 'opacity', 'base colour' and 'emission' is not read,
+    and only for what its nodes are. By the same words, `baked` has keys of the textures that Blender bakes
+    for it."""
 
     material: Material
     warnings: list[str] = field(default_factory=list)
@@ -150,7 +152,7 @@ class _Maker:
         self.warnings = list(self.surface.warnings)
         self.placement = Placement()
         self.corners: Value | None = None
-        self.unread: dict[str, None] = {}
+        self.unread: dict[str, None] = dict.fromkeys({EMISSION} & self.surface.varying)
 
     def made(self) -> ReadMaterial:
         surface, shown = self.surface, self.surface.shown
@@ -158,7 +160,8 @@ class _Maker:
         parts = [self._parts(closure) for closure in closures]
         base = self._base(shown)
         pictures = [each.picture for each in parts if each.picture is not None]
-        pictures += [] if base.is_constant else [base]
+        emission = self._emission(shown)
+        pictures += [each for each in (base, emission) if not each.is_constant]
         if pictures:
             self.placement, warnings = placement_of(pictures)
             self.warnings += warnings
@@ -174,16 +177,21 @@ class _Maker:
             seen,
             casts,
             self._constant(shown.roughness, "roughness", 0.5),
-            as_colour(self._constant(shown.emission, "emission", [0.0] * 3)),
+            as_colour(self._mean(emission)),
             self._constant(shown.metallic, "metallic", 0.0),
             unread_opacity=OPACITY in self.unread,
             is_holdout=self._is_holdout(shown),
             uv_map=self.placement.uv_map,
             uv_matrix=self.placement.matrix,
+            emission_image=None if emission.is_constant else self.images.index(emission, self.placement),
         )
         name = self.material.name_full
         warnings = [f"material '{name}': {warning}" for warning in dict.fromkeys(self.warnings)]
-        baked = {OPACITY: _baked(each.picture for each in parts), BASE_COLOUR: _baked([base])}
+        baked = {
+            OPACITY: _baked(each.picture for each in parts),
+            BASE_COLOUR: _baked([base]),
+            EMISSION: _baked([emission]),
+        }
         return ReadMaterial(read, warnings, tuple(self.unread), baked)
 
     def _base(self, closure: Closure) -> Value:
@@ -194,6 +202,20 @@ class _Maker:
             self.warnings.append(f"{origins(value)} not read for base colour, its viewport colour is used")
             return constant(COLOUR, self.material.diffuse_color[:3])
         return value
+
+    def _emission(self, closure: Closure) -> Value:
+        value = closure.emission
+        if value.is_constant or not (value.unread or value.hangs_on(Attribute)):
+            return value
+        self.unread[EMISSION] = None
+        return constant(COLOUR, self._constant(value, "emission", [0.0] * 3))
+
+    def _mean(self, value: Value) -> list[float]:
+        """What stands for it where only a constant counts; of what is not baked yet, anything."""
+        if value.is_constant:
+            return value.constant.tolist()
+        texels, _ = Picture(value, self.placement).texels(pixels_of)
+        return [1.0] * 3 if texels is None else texels[..., :3].mean(axis=(0, 1)).tolist()
 
     def _parts(self, closure: Closure) -> Parts:
         value = closure.opacity

@@ -42,15 +42,15 @@ and whether it is a holdout.
 ## What Blender bakes
 
 With `--read exact` (*Materials: Exact* in the panel) an output of a node that is not read is baked by Cycles,
-over each mesh that shows it, and the rest of the material is read as ever. So there is no node whose
-opacity and base colour are not read, but for these, which stay as they are without it:
+over each mesh that shows it, and the rest of the material is read as ever. So opacity, base colour and
+emission are read of all nodes, and emission may vary, but for these, which stay as they are without it:
 
 - what hangs on who looks from where (Fresnel, Layer Weight, Camera Data, Light Path, Incoming, Window and
   Camera coordinates), on other objects (Ambient Occlusion but for Only Local), or on what is no mesh;
 - what tells the instances of one instancer apart (Object Info, the world's place), and attributes of objects,
   instancers and view layers;
-- hair and points; a base colour whose material's opacity is read without baking, and has a picture of its own
-  that would get coarser.
+- hair and points; base colour and emission of a material whose opacity is read without baking, and has a
+  picture of its own that would get coarser; displacement, metallic and roughness.
 
 How that is done:
 

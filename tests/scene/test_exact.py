@@ -332,6 +332,31 @@ def test_a_colour_by_a_voronoi_is_what_cycles_shows(tmp_path):
     assert (np.abs(found - seen).max(axis=-1) < 0.01).mean() > 0.95
 
 
+def test_what_glows_by_a_noise_is_in_the_composite(tmp_path):
+    shown = card_scene((24, 24))
+    material = bpy.data.materials.new("Card")
+    shown.data.materials.append(material)
+    tree, scene = material.node_tree, bpy.context.scene
+    emission = tree.nodes.new("ShaderNodeEmission")
+    tree.links.new(noise(tree), emission.inputs["Strength"])
+    emission.inputs["Color"].default_value = (1.0, 0.5, 0.25, 1.0)
+    tree.links.new(emission.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    lamp = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
+    lamp.data.energy = 1e-9
+    scene.collection.objects.link(lamp)
+    options = replace(OPTIONS, composite=True)
+    baked = bake(scene, scene.view_layers[0], options, size=(24, 24))
+    assert baked.report.baked[0].startswith("material 'Card': emission baked")
+    assert not baked.report.warnings
+    seen = rendered(tmp_path)[..., :3]
+    assert np.ptp(seen[..., 0]) > 0.9
+    # Both look through the middles of pixels, whose hundredth the filter is wide. A texel of 1/128 blurs
+    # where the noise is cut off at 0 and 1.
+    np.testing.assert_allclose(baked.composite[..., :3], seen, atol=0.03)
+    fast = bake(scene, scene.view_layers[0], replace(options, read="fast"), size=(24, 24))
+    assert np.abs(fast.composite[..., 0] - seen[..., 0]).max() > 0.9
+
+
 # The cache
 
 

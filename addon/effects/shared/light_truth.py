@@ -33,15 +33,22 @@ def unshadowed(rays: RayCaster, emitter: Emitter, points: SurfacePoints) -> np.n
 
 def diffuse_albedo(rays: RayCaster, outline: Outline, surface: dict[str, np.ndarray]) -> np.ndarray:
     """(N, 3) of points (N,) that all lie on surfaces: metals have none."""
-    materials, found = outline.materials, surface["material"]
-    albedo = np.array([each.base_color for each in materials], np.float64).reshape(-1, 3)[found]
-    for index, material in enumerate(materials):
+    materials = outline.materials
+    albedo = _of_materials(rays, surface, [(each.base_color, each.base_color_image) for each in materials])
+    return albedo * (1.0 - np.array([each.metallic for each in materials]))[surface["material"], None]
+
+
+def _of_materials(rays: RayCaster, surface: dict[str, np.ndarray], colours) -> np.ndarray:
+    """(N, 3) at points (N,): by material a constant, and the picture in its place if there is one."""
+    found = surface["material"]
+    result = np.array([constant for constant, _ in colours], np.float64).reshape(-1, 3)[found]
+    for index, (_, image) in enumerate(colours):
         there = found == index
-        if material.base_color_image is not None and there.any():
-            texels = rays.texture(material.base_color_image)
+        if image is not None and there.any():
+            texels = rays.texture(image)
             if texels is not None:
-                albedo[there] = lit.bilinear(texels, surface["uv"][there])
-    return albedo * (1.0 - np.array([each.metallic for each in materials]))[found, None]
+                result[there] = lit.bilinear(texels, surface["uv"][there])
+    return result
 
 
 def of_lamp(rays: RayCaster, outline: Outline, light: Light, view_rays: ViewRays) -> np.ndarray:
@@ -94,9 +101,14 @@ def behind(
                 own = int(hash_bits(seed, index, PRODUCT.index(role)))
                 arriving *= _product(rays, outline, Of.lamp(index), role, layers, view_rays, own)
             picture += arriving
-    emission = np.array([each.emission for each in outline.materials], np.float64).reshape(-1, 3)
-    picture[hit] += emission[view_rays.surface["material"][hit]]
+    picture[hit] += emitted(rays, outline, {name: array[hit] for name, array in view_rays.surface.items()})
     return picture
+
+
+def emitted(rays: RayCaster, outline: Outline, surface: dict[str, np.ndarray]) -> np.ndarray:
+    """(N, 3) radiance that points (N,) on surfaces send themselves."""
+    colours = [(each.emission, each.emission_image) for each in outline.materials]
+    return _of_materials(rays, surface, colours)
 
 
 def _product(rays, outline, of: Of, role: Role, layers, view_rays: ViewRays, seed: int) -> np.ndarray:

@@ -176,8 +176,22 @@ def emission(recorder: Recorder, outline: Outline, surface: Node, visible: froze
     colours = tuple(material.emission for material in outline.materials)
     if not any(any(colours[material]) for material in used):
         return None
-    recorder.surface(surface, "material")
-    return recorder.step(MATERIAL_COLOUR, surface, instance="emission", colours=colours, images=(), version=0)
+    images = tuple(
+        (index, material.emission_image, 1.0)
+        for index, material in enumerate(outline.materials)
+        if material.emission_image is not None
+    )
+    if images:
+        recorder.wants("uv", "emission")
+    recorder.surface(surface, "material", *(("uv",) if images else ()))
+    return recorder.step(
+        MATERIAL_COLOUR,
+        surface,
+        instance="emission",
+        colours=colours,
+        images=images,
+        version=outline.version if images else 0,
+    )
 
 
 def irradiance(recorder: Recorder, surface: Node, light: Light) -> Node:

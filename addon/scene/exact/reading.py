@@ -14,7 +14,7 @@ from ...core.errors import StrataError, one_line
 from ...core.graph import Graph
 from ...core.outline import Outline
 from ...core.shot import Raster
-from ..materials import BASE_COLOUR, OPACITY, Images, ReadMaterial, read_material
+from ..materials import BASE_COLOUR, EMISSION, OPACITY, Images, ReadMaterial, read_material
 from ..mesh_arrays import mesh_arrays
 from ..pixels import LARGEST
 from .layout import layout_of
@@ -24,7 +24,7 @@ from .size import area_of, size_for, sizes_for
 from .store import STORE, Store
 from .workshop import SAMPLES, Work, Workshop
 
-_WANTS = {OPACITY: "opacity", BASE_COLOUR: "base_color"}  # what a graph calls them
+_WANTS = {OPACITY: "opacity", BASE_COLOUR: "base_color", EMISSION: "emission"}  # what a graph calls them
 
 SECONDS_EACH, SAMPLES_PER_SECOND = 0.3, 1.5e6
 """What Cycles takes for each output of a node on each mesh, before and while it bakes, on two cores."""

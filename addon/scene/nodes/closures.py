@@ -87,8 +87,8 @@ def _is_bsdf(node: bpy.types.Node) -> bool:
     instead="its other lobes are not read; Metallic, Roughness and Emission are only where they are constant",
 )
 def _principled(at: At) -> Closure:
-    strength = at.constant("Emission Strength", "emission")
-    colour = at.constant("Emission Color", "emission") if not strength.equals(0.0) else _BLACK
+    strength = _emitted(at, "Emission Strength")
+    colour = _emitted(at, "Emission Color") if not strength.equals(0.0) else _BLACK
     metallic = at.input("Metallic")
     if not metallic.is_constant:
         at.constant("Metallic", "metallic", "0 is used")
@@ -101,6 +101,11 @@ def _principled(at: At) -> Closure:
         metallic,
         at.constant("Roughness", "roughness"),
     )
+
+
+def _emitted(at: At, identifier: str) -> Value:
+    """Where things are baked, whatever it is."""
+    return at.constant(identifier, "emission") if at.graph.leaves is None else at.input(identifier)
 
 
 # Lobes that change what a diffuse layer multiplies onto; at these defaults a Principled BSDF is without them.
@@ -165,7 +170,7 @@ def _transparent(at: At) -> Closure:
 @shader_of("ShaderNodeEmission", how="constant colour times constant strength",
            instead="else the socket's own colour and strength are used")  # fmt: skip
 def _emission(at: At) -> Closure:
-    return Closure(emission=product(at.constant("Color", "emission"), at.constant("Strength", "emission")))
+    return Closure(emission=product(_emitted(at, "Color"), _emitted(at, "Strength")))
 
 
 @shader_of("ShaderNodeHoldout", how="a hole for cameras, where all of the material is one",

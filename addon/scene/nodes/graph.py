@@ -41,12 +41,14 @@ class Leaves(Protocol):
 @dataclass(eq=False)
 class Graph:
     """Reads the nodes of one material, light or volume in one situation, each once. `asked` names what the
-    answers hang on: 'ray', 'side'. `warnings` keep their order. `leaves` are asked for what is not folded."""
+    answers hang on: 'ray', 'side'. `warnings` keep their order. `leaves` are asked for what is not folded.
+    `varying` are the uses that only a constant is read for, and that have none."""
 
     situation: Situation = Situation()
     asked: set[str] = field(default_factory=set)
     warnings: dict[str, None] = field(default_factory=dict)
     leaves: Leaves | None = None
+    varying: dict[str, None] = field(default_factory=dict)
     _known: dict[tuple, Value] = field(default_factory=dict)
     _depth: int = 0
 
@@ -140,6 +142,7 @@ class At:
         value = self.input(identifier)
         if value.is_constant:
             return value
+        self.graph.varying[use] = None
         self.graph.tell(f"{origins(value)} not read for {use}" + (f", {instead}" if instead else ""))
         return unlinked(self.socket(identifier))
 
