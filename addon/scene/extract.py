@@ -15,6 +15,7 @@ from .displacement import displaced
 from .known_texels import KnownTexels
 from .made_mesh import MadeMesh
 from .mesh_arrays import mesh_arrays, no_faces
+from .nodes.baked import BAKED_MAP
 from .nodes.pictures import Placement
 from .scan import Scan
 from .vertex_values import vertex_values
@@ -179,7 +180,13 @@ def _with_uvs(
     wants: Collection[str], owner: str, warnings: list[str], baked: np.ndarray | None = None,
 ) -> MeshArrays:  # fmt: skip
     materials = [outline.materials[slot] for slot in slots]
-    placements = [Placement(each.uv_map, each.uv_matrix) for each in materials]
+    # Beside what is baked, what has no pictures lies nowhere.
+    placements = [
+        Placement(each.uv_map, each.uv_matrix)
+        if baked is None or _images_of(each, wants)
+        else Placement(BAKED_MAP)
+        for each in materials
+    ]
     if isinstance(source, bpy.types.Mesh):
         uvs = placed_uvs(source, mesh, placements, owner, warnings, baked)
         if set(placements) != {Placement()}:

@@ -116,6 +116,23 @@ def test_shadows_of_what_is_baked_are_what_cycles_renders(make):
     assert any("not read for opacity" in warning for warning in report.warnings)
 
 
+def test_faces_of_one_mesh_have_the_materials_of_their_slots():
+    scene = floor_scene()
+    shown = card(bpy.data.materials.new("Opaque"))
+    shown.data.materials.append(clear_by("Noise", by_object))
+    shown.data.materials.append(None)
+    shown.data.materials.append(clear_by("Other", by_step))
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.subdivide(number_cuts=1)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    shown.data.polygons.foreach_set("material_index", [1, 0, 3, 2])
+    pixels, report = shadow_of(scene, "exact")
+    assert len(report.baked) == 2
+    judge = Judge.of(scene, "Sun")
+    where = judge.weight > 0.0
+    assert judge.rmse(pixels, where) < LAYER_RMSE
+
+
 def test_a_deformed_mesh_has_the_generated_coordinates_of_its_rest():
     scene = floor_scene()
     shown = card(clear_by("Card", by_generated))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-SMALLEST = 4
-"""Texels a side of a face's square, at least."""
+SMALLEST = 2
+"""Texels a side of a face's square, at least: between the corners of so small a face all is linear."""
 
 _INSET = 0.49
 """Of a texel: corners lie just outside of the middles of their squares' outermost texels, so that those are

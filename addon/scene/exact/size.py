@@ -19,7 +19,8 @@ TEXELS_PER_PIXEL = 2.0  # of the picture, where the mesh is nearest; its shadows
 
 
 def size_for(raster: Raster, shown: bpy.types.Object, matrix: np.ndarray, area: float, faces: int) -> int:
-    """Texels a side, a power of two, for an object of `area` m² in the world, (4, 4) its matrix to there."""
+    """Texels a side, a power of two, for an object of `area` m² in its own space, (4, 4) its matrix from it
+    to the world."""
     corners = np.array([corner[:] for corner in shown.bound_box], np.float64)
     corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
     view, (width, _) = raster.view, raster.computed_size
@@ -29,6 +30,7 @@ def size_for(raster: Raster, shown: bpy.types.Object, matrix: np.ndarray, area: 
         eye = np.array(view.eye)
         nearest = np.clip(eye, corners.min(axis=0), corners.max(axis=0))
         pixel *= max(float(np.linalg.norm(nearest - eye)), view.near)
+    area *= _stretching(matrix)
     wanted = TEXELS_PER_PIXEL * math.sqrt(area) / pixel if pixel > 0.0 else math.inf
     wanted = min(max(wanted, LEAST), MOST) if wanted == wanted else MOST
     return max(1 << (math.ceil(wanted) - 1).bit_length(), least_size(faces))
@@ -41,10 +43,18 @@ def sizes_for(faces: int) -> list[int]:
     return [size for size in sizes if size > least] + [max(least, LEAST)]
 
 
-def area_of(mesh: MeshArrays, matrix: np.ndarray) -> float:
-    """m² of a mesh's faces in the world."""
-    world = np.nan_to_num(mesh.positions.astype(np.float64), posinf=0.0, neginf=0.0) @ matrix[:3, :3].T
-    corners = world[mesh.corner_vertices]
+def _stretching(matrix: np.ndarray) -> float:
+    """What areas grow by, at most."""
+    if not np.isfinite(matrix).all():
+        return 1.0
+    first, second, _ = np.linalg.svd(matrix[:3, :3], compute_uv=False)
+    return float(first * second)
+
+
+def area_of(mesh: MeshArrays) -> float:
+    """m² of a mesh's faces in its own space."""
+    finite = np.nan_to_num(mesh.positions.astype(np.float64), posinf=0.0, neginf=0.0)
+    corners = finite[mesh.corner_vertices]
     following = np.arange(1, len(corners) + 1)
     following[mesh.face_starts[1:] - 1] = mesh.face_starts[:-1]
     normals = np.add.reduceat(np.cross(corners, corners[following]), mesh.face_starts[:-1], axis=0)

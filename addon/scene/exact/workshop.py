@@ -120,9 +120,12 @@ class Workshop:
             uvs.data.foreach_set("vector", work.corner_uvs.ravel())
             places = mesh.attributes.new(_GENERATED, "FLOAT_VECTOR", "POINT")
             places.data.foreach_set("vector", work.generated.ravel())
-        mesh.materials.clear()
+        slots = np.empty(len(mesh.polygons), np.int32)
+        mesh.polygons.foreach_get("material_index", slots)
+        mesh.materials.clear()  # and with them which face has which
         for _slot in range(work.slots):
             mesh.materials.append(None)
+        mesh.polygons.foreach_set("material_index", np.clip(slots, 0, work.slots - 1))
         thing = self._keep(bpy.data.objects.new(_NAME, mesh))
         thing.matrix_world = mathutils.Matrix(work.appearance.matrix)
         thing.color, thing.pass_index = work.appearance.colour, work.appearance.pass_index
