@@ -121,7 +121,13 @@ class STRATA_OT_bake(bpy.types.Operator):
         sequence = None
         if output and output.is_numbered:
             sequence = sequence_layers(*where, (scene.frame_current,))
-        self._job = job = read_job(*where, sequence=sequence or ())
+        manager = context.window_manager
+        manager.progress_begin(0.0, 1.0)  # of the mouse, while Blender bakes materials
+        try:
+            job = read_job(*where, show=manager.progress_update, sequence=sequence or ())
+        finally:
+            manager.progress_end()
+        self._job = job
         if reason := nothing_to_bake(job.graph, job.sequence):
             STATE.show_plan(self._scene_id, job.graph)
             self.report({"WARNING"}, sentence(reason))

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from argparse import ArgumentTypeError
 
+import bpy
 import pytest
 from strata.addon.core.errors import StrataError
 from strata.addon.effects.registry import EFFECTS
@@ -18,14 +19,15 @@ from strata.ops.cli import main
 from strata.ops.terminal import Progress, time_left
 from strata.tests.support.exr_layers import read_layers
 from strata.tests.support.places import SAMPLES
+from strata.tests.support.procedural import card, clear_by, floor_scene, noise
 
 QUICK = ("--backend", "cpu", "--size", "96x54", "--samples", "1", "--probes", "64")
 
 
-def strata(*words, check: int = 0) -> subprocess.CompletedProcess:
+def strata(*words, check: int = 0, env: dict[str, str] | None = None) -> subprocess.CompletedProcess:
     """Runs the command in a process of its own, as it is used."""
     command = [sys.executable, "-m", "strata", *map(str, words)]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=300, env=env)
     assert result.returncode == check, result.stderr
     return result
 
@@ -192,6 +194,32 @@ def test_plan_is_clean_json():
     assert all(entry["reason"] for entry in plan["left_out"])
     text = strata("plan", SAMPLES / "courtyard.blend", "--size", "64x64").stdout
     assert f"{plan['layers'][0]['name']}: {' > '.join(plan['layers'][0]['steps'])}" in text
+
+
+def test_materials_are_read_exactly_where_that_is_asked_for(tmp_path):
+    """And what Blender bakes for it is told, and kept from one command to the next."""
+    floor_scene()
+    card(clear_by("Card", noise))
+    blend, report = tmp_path / "scene.blend", tmp_path / "report.json"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    before, env = blend.read_bytes(), {**os.environ, "STRATA_CACHE": str(tmp_path / "cache")}
+    words = (*QUICK, "--read", "exact", "--report", report, "-o", tmp_path / "out.exr")
+
+    def baked() -> tuple[str, list[str]]:
+        strata("bake", blend, *words, env=env)
+        told = json.loads(report.read_text())
+        return told["baked"], told["warnings"]
+
+    plan = strata("plan", blend, "--size", "96x54", "--read", "exact", env=env).stdout
+    assert "material 'Card': opacity to be baked by Blender at 128 texels a side, about 0." in plan
+    (line,), warnings = baked()
+    assert line.startswith("material 'Card': opacity baked by Blender at 128 texels a side, in 0.")
+    assert not warnings
+    assert baked()[0] == ["material 'Card': opacity baked by Blender at 128 texels a side, kept from before"]
+    assert blend.read_bytes() == before
+    assert "invalid choice: 'best'" in strata("plan", blend, "--read", "best", check=2).stderr
+    fast = strata("plan", blend, "--size", "96x54", env=env).stdout
+    assert "node 'Noise Texture' is not read for opacity" in fast
 
 
 def test_nothing_to_bake_writes_no_file_and_says_so(tmp_path):
