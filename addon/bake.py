@@ -254,7 +254,8 @@ class BakeJob:
             node, shot = graph.surface, graph.shot
             geometry = executor.value(node.inputs[0], device)
             yield
-            taking = take_coarse_picture(device, geometry, self.outline, shot, node.params["visible"])
+            who = node.params["visible"], node.params.get("holdouts", frozenset())
+            taking = take_coarse_picture(device, geometry, self.outline, shot, *who)
             seen, seconds = yield from timed(self._showing(unless_cancelled(taking, device.cancel_flag)))
             if len(seen):
                 started = time.perf_counter()

@@ -175,11 +175,12 @@ class Measuring:
     def _rays_in(self, accelerator: Any) -> CpuRays:
         executor, device, graph = self._executor, self._executor.fallback, self._graph
         seen = graph.surface.params
+        holdouts = seen.get("holdouts", frozenset())
         return CpuRays(
             accelerator,
             np.array(graph.shot.origin),
             device.cancel_flag,
-            device.camera_rays(graph.shot, seen["visible"], self._attributes(), seen["seed"]),
+            device.camera_rays(graph.shot, seen["visible"], self._attributes(), seen["seed"], holdouts),
             value=lambda node: executor.value(node, device),
             texture=device.texture,
         )

@@ -17,7 +17,8 @@ class MeshArrays:
     face and then C; `corner_normals` (C, 3) f32 unit, None for a flat mesh; `corner_uvs` (C, 2) f32 of the
     pictures of each face's material, None where nothing samples them; `face_slots` (F,) i32 material slots,
     None for slot 0 throughout; `corner_opacity` (C,) f32 factors of the opacity of the face's material
-    (`OpacityArrays.by_corner`), None where no material has any; `chart_uvs` (C, 2) f32 of the UV map for
+    (`OpacityArrays.by_corner`), None where no material has any; `corner_colours` (C, 3) f32 factors of its
+    colours that are by corner, None likewise; `chart_uvs` (C, 2) f32 of the UV map for
     rendering, None where `corner_uvs` are; `vertex_values` (V,) f32 by the name of the vertex group or the
     attribute, of those that were asked for and that the mesh has.
     """
@@ -29,6 +30,7 @@ class MeshArrays:
     corner_uvs: np.ndarray | None = None
     face_slots: np.ndarray | None = None
     corner_opacity: np.ndarray | None = None
+    corner_colours: np.ndarray | None = None
     chart_uvs: np.ndarray | None = None
     vertex_values: dict[str, np.ndarray] = field(default_factory=dict)
 

@@ -119,6 +119,20 @@ def not_whole_in(view: View, chosen: frozenset[int], instances: Instances) -> fr
     return instances.memo(("not whole in", view, chosen), find)
 
 
+def _guard(shot: Shot) -> tuple[float, float]:
+    """Beside a render region as far as beside the whole frame."""
+    whole, computed = shot.source.frame_size, shot.computed_size
+    return SEEN_GUARD * (whole[0] / computed[0]), SEEN_GUARD * (whole[1] / computed[1])
+
+
+def holdouts_in_view(outline: Outline, shot: Shot) -> frozenset[int]:
+    """Instances that may leave a hole in the picture."""
+    instances = outline.instances
+    if not shot.has_eye or not instances.holdouts.any():
+        return frozenset()
+    return instances.subset(instances.holdouts & in_frustum(shot.view, instances.boxes, _guard(shot)))
+
+
 def receivers_in_view(outline: Outline, shot: Shot) -> tuple[np.ndarray, np.ndarray]:
     """Which instances the shot may show (N,) bool, and boxes (M, 2, 3) around what it shows of them: those of
     its coarse picture, or one around all."""
@@ -128,10 +142,7 @@ def receivers_in_view(outline: Outline, shot: Shot) -> tuple[np.ndarray, np.ndar
         return seen, boxes[seen]
     if not len(boxes):
         return np.zeros(0, bool), np.zeros((0, 2, 3))
-    view = shot.view
-    # Beside a render region as far as beside the whole frame.
-    whole, computed = shot.source.frame_size, shot.computed_size
-    guard = SEEN_GUARD * (whole[0] / computed[0]), SEEN_GUARD * (whole[1] / computed[1])
+    view, guard = shot.view, _guard(shot)
     seen = outline.instances.memo(
         ("seen", view, guard), lambda: outline.instances.shown & in_frustum(view, boxes, guard)
     )

@@ -128,6 +128,10 @@ class GpuGeometry(Protocol):
     def corner_opacity(self) -> GpuImage:
         """Three rows a triangle, what opacities by corner are multiplied by."""
 
+    @property
+    def corner_colours(self) -> GpuImage:
+        """Three rows a triangle, what colours by corner are multiplied by."""
+
     def opacities(self, material: int, use: str) -> list[tuple[GpuImage, OpacityArrays]]:
         """Texels of a material's front and back, that are "seen" or that "casts", and what is said of
         them."""

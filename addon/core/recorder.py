@@ -257,6 +257,6 @@ def _note_other_light(recorder: Recorder, outline: Outline) -> None:
     """What lights the scene for Blender's own engines, and is no lamp."""
     if outline.world_light:
         recorder.left_out(f"world '{outline.world_light}'", "its light is in no layer")
-    glowing = [material.name for material in outline.materials if any(material.emission)]
+    glowing = [material.name for material in outline.materials if material.glows]
     if glowing:
         recorder.left_out(f"light of materials {named_some(glowing)}", "they glow, but light nothing else")

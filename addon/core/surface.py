@@ -28,11 +28,26 @@ ATTRIBUTES = {
     "shading_normal": Attribute(np.float32, 3, wants="corner_normals", corners="corner_normals"),
     "depth": Attribute(np.float32, miss=np.inf),  # metres along the view's forward axis
     "uv": Attribute(np.float32, 2, wants="uv", corners="corner_uvs"),
+    "corner_colour": Attribute(np.float32, 3, wants="corner_colour", corners="corner_colours"),
     "object_id": Attribute(np.int32, miss=-1),
     "material": Attribute(np.int32, miss=-1),
     "instance": Attribute(np.int32, miss=-1),
     "triangle": Attribute(np.int32, miss=-1),  # of the instance's mesh
 }
+
+
+def with_holes(
+    surface: dict[str, np.ndarray], holdouts: frozenset[int], attributes: frozenset[str]
+) -> dict[str, np.ndarray]:
+    """These `attributes` of some points, of which "instance" is known: where one of the instances `holdouts`
+    is they are, but for depth, as where there is no surface. Written in place."""
+    if not holdouts:
+        return surface
+    is_hole = np.isin(surface["instance"], sorted(holdouts))
+    for name, values in surface.items():
+        if name != "depth":
+            values[is_hole] = ATTRIBUTES[name].miss
+    return {name: surface[name] for name in attributes}
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,13 @@ class ViewRays:
     def __len__(self) -> int:
         return len(self.pixels)
 
+    @property
+    def hits(self) -> np.ndarray:
+        """(N,) bool: which see a surface. A holdout is none, though no ray goes on behind it."""
+        hit = np.isfinite(self.distances)
+        ids = next((self.surface[name] for name in ("material", "instance") if name in self.surface), None)
+        return hit if ids is None else hit & (ids >= 0)
+
 
 def lines_of_sight(
     view: View, size: tuple[int, int], pixels: np.ndarray, jitter: np.ndarray

@@ -9,18 +9,21 @@ from typing import Any
 import numpy as np
 
 from ..core.shot import Shot
+from ..core.surface import with_holes
 from ..core.view_rays import ViewRays, lines_of_sight, view_rays
 
 
 @dataclass(frozen=True, eq=False)
 class CameraRays:
     """Traces view rays against the instances `visible` (instances,) uint8 and fills the surface `attributes`,
-    with the conventions of core/surface.py. `seed`: of the surface's draws of what is partly opaque."""
+    with the conventions of core/surface.py. `seed`: of the surface's draws of what is partly opaque;
+    `holdouts`: those of the instances that leave a hole."""
 
     shot: Shot
     visible: np.ndarray
     attributes: frozenset[str]
     seed: int = 0
+    holdouts: frozenset[int] = frozenset()
 
     def look(
         self,
@@ -43,10 +46,11 @@ class CameraRays:
             directions,
             (view.near, view.far),
             view.forward,
-            sorted(self.attributes),
+            sorted({*self.attributes, "instance"} if self.holdouts else self.attributes),
             draws=None if samples is None else self._draws(pixels, samples),
             cancel=cancel_flag,
         )
+        surface = with_holes(surface, self.holdouts, self.attributes)
         return view_rays(self.shot, pixels, jitter, surface)
 
     def _draws(self, pixels: np.ndarray, samples: np.ndarray) -> np.ndarray:

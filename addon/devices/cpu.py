@@ -101,6 +101,7 @@ class CpuDevice:
                 mesh.corner_uvs,
                 mesh.face_slots,
                 mesh.corner_opacity,
+                mesh.corner_colours,
             )
         return self._meshes[mesh]
 
@@ -163,14 +164,19 @@ class CpuDevice:
             return result
 
     def camera_rays(
-        self, shot: Shot, visible: frozenset[int], attributes: frozenset[str], seed: int
+        self,
+        shot: Shot,
+        visible: frozenset[int],
+        attributes: frozenset[str],
+        seed: int,
+        holdouts: frozenset[int] = frozenset(),
     ) -> CameraRays:
         """Fills the surface `attributes` of the instances `visible` along any view ray of the shot; `seed` of
-        its surface's draws."""
+        its surface's draws, and `holdouts`."""
         mask = self.instance_mask(visible)
         if not attributes & {"depth", "position"}:
             attributes |= {"depth"}  # how far a ray sees
-        return CameraRays(shot, mask, attributes, seed)
+        return CameraRays(shot, mask, attributes, seed, holdouts)
 
     def texture(self, image: int) -> np.ndarray | None:
         """Texels of `outline.images[image]`, None where they could not be read."""

@@ -73,7 +73,7 @@ class GpuGeometry:
 
     @property
     def positions(self) -> GpuImage:
-        """See GpuMeshes, as the four below."""
+        """See GpuMeshes, as the five below."""
         return self._tables_of_meshes.table("positions")
 
     @property
@@ -91,6 +91,10 @@ class GpuGeometry:
     @property
     def corner_opacity(self) -> GpuImage:
         return self._tables_of_meshes.table("corner_opacity")
+
+    @property
+    def corner_colours(self) -> GpuImage:
+        return self._tables_of_meshes.table("corner_colours")
 
     def opacities(self, material: int, use: str) -> list[tuple[GpuImage, OpacityArrays]]:
         """Front and back of a material that `Range.material` names, with their texels, one where it is a

@@ -12,7 +12,10 @@ from .gpu_image import TABLE_WIDTH, GpuImage
 
 MOST_IN_A_MESH = 1 << 24
 # Columns of each table, and its rows to a vertex or a triangle.
-TABLES = {"positions": 4, "triangles": 4, "corner_normals": 4, "corner_uvs": 2, "corner_opacity": 2}
+TABLES = {
+    "positions": 4, "triangles": 4, "corner_normals": 4, "corner_uvs": 2, "corner_opacity": 2,
+    "corner_colours": 4,
+}  # fmt: skip
 PATCHED_SHARE = 0.5  # with more than this of the rows new, all are uploaded again
 
 COPY_ROWS = Shader(
@@ -86,6 +89,8 @@ class _Part:
                     rows[:, column] = along[corners]
             elif name == "corner_opacity":
                 rows[:, 0] = 1.0
+            elif name == "corner_colours":
+                rows[:, :3] = 1.0
 
 
 class GpuMeshes:
@@ -97,6 +102,7 @@ class GpuMeshes:
     - `corner_normals`: three rows a triangle, unit shading normals in object space, zero for a flat mesh.
     - `corner_uvs`: three rows a triangle; zero where the mesh has none.
     - `corner_opacity`: three rows a triangle, a factor and 0; 1 where the mesh has none.
+    - `corner_colours`: three rows a triangle, three factors and 0; 1 where the mesh has none.
 
     `places` tells where each mesh lies in them.
     """
@@ -128,7 +134,7 @@ class GpuMeshes:
         return last
 
     def table(self, name: str) -> GpuImage:
-        """One of the five, uploaded when first asked for."""
+        """One of the six, uploaded when first asked for."""
         if name not in self._tables:
             self._tables[name] = _uploaded(self._device, name, self._parts)
         return self._tables[name]

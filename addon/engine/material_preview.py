@@ -36,5 +36,6 @@ def _colour(depsgraph: bpy.types.Depsgraph) -> tuple[float, float, float]:
         material = shown.active_material if shown.type == "MESH" else None
         if material is not None and not shown.name.startswith("Floor"):
             read, _ = material_of(material, Images())
-            return tuple(base + glow for base, glow in zip(read.base_color, read.emission, strict=True))
+            base = material.diffuse_color[:3] if read.base_color_corners else read.base_color
+            return tuple(colour + glow for colour, glow in zip(base, read.emission, strict=True))
     return default_material().base_color

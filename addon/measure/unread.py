@@ -1,4 +1,5 @@
-"""What an error is not known for: surfaces whose opacity Strata does not read, and what is missing."""
+"""What an error is not known for: surfaces whose opacity, or its colour, Strata does not read, and what is
+missing."""
 
 from __future__ import annotations
 
@@ -12,8 +13,8 @@ from .report import LayerError
 
 
 def unread_materials(materials: tuple[Material, ...]) -> frozenset[int]:
-    """Those that may be anything between clear and opaque."""
-    return frozenset(index for index, material in enumerate(materials) if material.unread_opacity)
+    """Those that may be anything between clear and opaque, in some channel of colour at least."""
+    return frozenset(index for index, each in enumerate(materials) if each.unread_opacity or each.tints)
 
 
 def concerns(instances: Instances, met: np.ndarray, unread: frozenset[int]) -> bool:

@@ -99,8 +99,7 @@ class Session:
             return False
         if changes.moved:
             outline = replace(outline, version=next(_versions))
-            matrices = np.array([instance.matrix for instance in outline.instances], np.float64)
-            self._feed(outline, replace(self._arrays, matrices=matrices.reshape(-1, 4, 4)))
+            self._feed(outline, replace(self._arrays, matrices=outline.instances.matrices))
         self._keep(replace(self._scan, outline=outline))
         return True
 
@@ -154,12 +153,13 @@ class Session:
         graph = plan_scene(outline, shot, options)
         if graph.surface is None:
             return graph
-        visible = graph.surface.params["visible"]
-        key = (outline.version, shot.view, shot.computed_size, visible)
+        params = graph.surface.params
+        who = params["visible"], params.get("holdouts", frozenset())
+        key = (outline.version, shot.view, shot.computed_size, *who)
         if key not in self._coarse_pictures:
             geometry = self.executor.value(graph.surface.inputs[0], self.devices.fallback)
             self._coarse_pictures.clear()
-            self._coarse_pictures[key] = seen_boxes(self.devices.fallback, geometry, outline, shot, visible)
+            self._coarse_pictures[key] = seen_boxes(self.devices.fallback, geometry, outline, shot, *who)
         boxes = self._coarse_pictures[key]
         if len(boxes):
             graph = plan_scene(outline, replace(shot, seen=boxes), options)

@@ -1,4 +1,4 @@
-"""What the corners of a mesh's faces carry: factors of opacity, and coordinates of pictures."""
+"""What the corners of a mesh's faces carry: factors of opacity and of colours, coordinates of pictures."""
 
 from __future__ import annotations
 
@@ -6,26 +6,55 @@ import bpy
 import numpy as np
 
 from ..core.arrays import MeshArrays
+from .attributes import numbers_of
+from .made_mesh import MadeMesh
 from .nodes.baked import BAKED_MAP
 from .nodes.pictures import IDENTITY, Placement
 from .nodes.values import Attribute, Value
 
 
 def corner_opacity(
-    source: bpy.types.Mesh, mesh: MeshArrays, values: list[Value | None], owner: str, warnings: list[str]
+    source: bpy.types.Mesh | MadeMesh,
+    mesh: MeshArrays,
+    values: list[Value | None],
+    owner: str,
+    warnings: list[str],
 ) -> np.ndarray | None:
-    """(C,) float32 from 0 to 1 of the evaluated mesh `source`: of each face's material what the expression
-    over attributes in `values` is there, 1 where that is None; None without faces. Attributes that the mesh
-    lacks count as 0, as in Cycles, with a warning."""
+    """(C,) float32 from 0 to 1 of the evaluated or made mesh `source`: of each face's material what the
+    expression over attributes in `values` is there, 1 where that is None; None without faces. Attributes that
+    the mesh lacks count as 0, as in Cycles, with a warning."""
     if not len(mesh.corner_vertices):
         return None
-    found = np.ones(len(mesh.corner_vertices), np.float32)
+    ones = np.ones(len(mesh.corner_vertices), np.float32)
+    return _factors(source, mesh, values, ones, 1.0, owner, warnings)
+
+
+MOST_COLOUR = 1e30
+"""What a factor of a colour may be: products of it stay finite."""
+
+
+def corner_colours(
+    source: bpy.types.Mesh | MadeMesh,
+    mesh: MeshArrays,
+    values: list[Value | None],
+    owner: str,
+    warnings: list[str],
+) -> np.ndarray | None:
+    """The same of colours: (C, 3) float32 from 0 on."""
+    if not len(mesh.corner_vertices):
+        return None
+    ones = np.ones((len(mesh.corner_vertices), 3), np.float32)
+    return _factors(source, mesh, values, ones, MOST_COLOUR, owner, warnings)
+
+
+def _factors(source, mesh, values, found: np.ndarray, most: float, owner, warnings) -> np.ndarray:
+    """`found`, all ones, with the numbers from 0 to `most` of the expressions in their slots."""
     of_corner = corner_slots(mesh, len(values))
-    corners = Corners(source, mesh)
+    corners = (Corners if isinstance(source, bpy.types.Mesh) else MadeCorners)(source, mesh)
     for key in sorted({value.key for value in values if value is not None}):
         slots = [slot for slot, value in enumerate(values) if value is not None and value.key == key]
         numbers = np.broadcast_to(values[slots[0]].at(corners), found.shape)
-        numbers = np.clip(np.nan_to_num(numbers, posinf=1.0, neginf=0.0), 0.0, 1.0)
+        numbers = np.clip(np.nan_to_num(numbers, posinf=most, neginf=0.0), 0.0, most)
         chosen = np.isin(of_corner, slots)
         found[chosen] = numbers[chosen]
     for name in sorted(corners.missing):
@@ -43,13 +72,13 @@ def corner_slots(mesh: MeshArrays, count: int) -> np.ndarray:
 class Corners:
     """Where expressions over attributes are evaluated."""
 
-    def __init__(self, source: bpy.types.Mesh, mesh: MeshArrays):
+    def __init__(self, source: bpy.types.Mesh | MadeMesh, mesh: MeshArrays):
         self._source, self._mesh = source, mesh
         self.missing: set[str] = set()
 
     def source(self, source: Attribute) -> np.ndarray:
         """By Cycles' kernel/svm/attribute.h."""
-        read = self._read(source.name or self._source.color_attributes.default_color_name)
+        read = self._read(source.name)
         count, is_many = len(self._mesh.corner_vertices), source.output in {"Color", "Vector"}
         if read is None:
             self.missing.add(f"attribute '{source.name}'" if source.name else "colour attribute")
@@ -68,24 +97,23 @@ class Corners:
 
     def _read(self, name: str) -> np.ndarray | None:
         """(C, 1 to 4) float64."""
+        name = name or self._source.color_attributes.default_color_name
         attribute = self._source.attributes.get(name)
-        kinds = {
-            "FLOAT": ("value", 1, np.float32), "INT": ("value", 1, np.int32), "BOOLEAN": ("value", 1, bool),
-            "INT8": ("value", 1, np.int8), "FLOAT2": ("vector", 2, np.float32),
-            "FLOAT_VECTOR": ("vector", 3, np.float32), "FLOAT_COLOR": ("color", 4, np.float32),
-            "BYTE_COLOR": ("color", 4, np.float32),
-        }  # fmt: skip
-        if attribute is None or attribute.data_type not in kinds:
+        values = numbers_of(attribute)
+        if values is None:
             return None
-        field, width, dtype = kinds[attribute.data_type]
-        flat = np.empty(len(attribute.data) * width, dtype)
-        attribute.data.foreach_get(field, flat)
-        values = flat.reshape(-1, width).astype(np.float64)
         if attribute.domain == "POINT":
             return values[self._mesh.corner_vertices]
         if attribute.domain == "FACE":
             return np.repeat(values, np.diff(self._mesh.face_starts), axis=0)
         return values if attribute.domain == "CORNER" else None
+
+
+class MadeCorners(Corners):
+    """The same of a mesh that is made of curves or points."""
+
+    def _read(self, name: str) -> np.ndarray | None:
+        return self._source.attribute(name, self._mesh.corner_vertices) if name else None
 
 
 def placed_uvs(

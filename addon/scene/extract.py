@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.arrays import OPAQUE, Arrays, MeshArrays, Opacities, OpacityArrays
 from ..core.outline import BothSides, Instance, Material, Opacity, Outline
-from .corner_values import corner_opacity, moved_uvs, placed_uvs
+from .corner_values import corner_colours, corner_opacity, moved_uvs, placed_uvs
 from .displacement import displaced
 from .known_texels import KnownTexels
 from .made_mesh import MadeMesh
@@ -24,11 +24,11 @@ from .vertex_values import vertex_values
 CORNER_NORMALS = "corner_normals"
 UV = "uv"
 OPACITY = "opacity"
-BASE_COLOR = "base_color"
-EMISSION = "emission"
+BASE_COLOR, DIFFUSE, EMISSION = "base_color", "diffuse", "emission"
+CORNER_COLOUR = "corner_colour"
 VERTEX = "vertex:"
 """With a name after it: the vertex group or the attribute of vertices of that name."""
-WANTS = frozenset({CORNER_NORMALS, UV, OPACITY, BASE_COLOR, EMISSION})
+WANTS = frozenset({CORNER_NORMALS, UV, OPACITY, BASE_COLOR, DIFFUSE, EMISSION, CORNER_COLOUR})
 
 
 def extract(
@@ -39,8 +39,9 @@ def extract(
 ) -> Arrays:
     """Arrays of the meshes that `instances` (indices; None: all) show; other meshes stay empty. `wants` is a
     subset of `WANTS`: `CORNER_NORMALS` of smooth meshes, `UV` of meshes with a material that samples a
-    texture, texels for `BASE_COLOR` and `EMISSION`, texels and factors of corners for `OPACITY`; and may have
-    any `VERTEX` with a name. `known`: texels of the extraction before, which then are those of this one."""
+    texture, texels for `BASE_COLOR`, `DIFFUSE` and `EMISSION`, texels and factors of corners for `OPACITY`,
+    factors of colours for `CORNER_COLOUR`; and may have any `VERTEX` with a name. `known`: texels of the
+    extraction before, which then are those of this one."""
     outline = scan.outline
     warnings: list[str] = []
     first = _first_instances(outline)
@@ -76,16 +77,17 @@ def extract(
             replace(mesh, vertex_values=_values(source, owners[index], names)) if index in shown else mesh
             for index, (mesh, source) in enumerate(zip(meshes, scan.mesh_sources, strict=True))
         )
-    if OPACITY in wants:
+    if OPACITY in wants or CORNER_COLOUR in wants:
         meshes = tuple(
-            _with_corner_opacity(scan, index, mesh, slots[index], owners[index], warnings)
+            _with_corner_factors(scan, index, mesh, slots[index], wants, owners[index], warnings)
             if index in shown
             else mesh
             for index, mesh in enumerate(meshes)
         )
-    textures = _textures(scan, wants, known or KnownTexels(), warnings)
-    matrices = np.array([instance.matrix for instance in outline.instances], np.float64).reshape(-1, 4, 4)
-    return Arrays(meshes, matrices, _opacities(outline, textures), textures, tuple(warnings))
+    textures = _textures(scan, wants, known or KnownTexels(are_kept=False), warnings)
+    return Arrays(
+        meshes, outline.instances.matrices, _opacities(outline, textures), textures, tuple(warnings)
+    )
 
 
 def _arrays_of(
@@ -114,7 +116,10 @@ def _first_instances(outline: Outline) -> dict[int, Instance]:
 
 def _textured_meshes(outline: Outline, wants: Collection[str]) -> frozenset[int]:
     sampling = {index for index, material in enumerate(outline.materials) if _images_of(material, wants)}
-    return frozenset(i.mesh for i in outline.instances if not sampling.isdisjoint(i.materials))
+    if not sampling:
+        return frozenset()
+    shown = {(instance.mesh, instance.materials) for instance in outline.instances}
+    return frozenset(mesh for mesh, materials in shown if not sampling.isdisjoint(materials))
 
 
 def _textures(
@@ -209,22 +214,28 @@ def _with_uvs(
 _BESIDE = 1e-4
 
 
-def _with_corner_opacity(
-    scan: Scan, index: int, mesh: MeshArrays, slots: tuple[int, ...], owner: str, warnings: list[str]
-) -> MeshArrays:
-    corners, materials = scan.corner_sources, scan.outline.materials
-    values = [
-        next((corners[each.corners] for each in materials[slot].opacities if each.corners), None)
-        for slot in slots
-    ]
-    if not any(values):
-        return mesh
-    source = scan.mesh_sources[index]
-    if not isinstance(source, bpy.types.Mesh):
-        warnings.append(f"object '{owner}': its attributes are not read for opacity, they count as 1")
-        return mesh
-    found = corner_opacity(source, mesh, values, owner, warnings)
-    return replace(mesh, corner_opacity=found)
+def _with_corner_factors(
+    scan: Scan, index: int, mesh: MeshArrays, slots: tuple[int, ...], wants: Collection[str], owner: str,
+    warnings: list[str],
+) -> MeshArrays:  # fmt: skip
+    source, materials = scan.mesh_sources[index], [scan.outline.materials[slot] for slot in slots]
+    opacities = [next((o.corners for o in each.opacities if o.corners), "") for each in materials]
+    colours = [each.colour_corners for each in materials]
+    found = {}
+    for want, field, read, names in (
+        (OPACITY, "corner_opacity", corner_opacity, opacities),
+        (CORNER_COLOUR, "corner_colours", corner_colours, colours),
+    ):
+        if want not in wants or not any(names):
+            continue
+        if isinstance(source, bpy.types.Mesh) or source.has_attributes:
+            values = [scan.corner_sources[name] if name else None for name in names]
+            found[field] = read(source, mesh, values, owner, warnings)
+        else:
+            use = "opacity" if want == OPACITY else "colours"
+            line = f"object '{owner}': attributes of its hair are not read for {use}"
+            warnings.append(f"{line}, they count as 1")
+    return replace(mesh, **found) if found else mesh
 
 
 def texel_bytes(outline: Outline, wants: Collection[str]) -> int:
@@ -236,6 +247,10 @@ def texel_bytes(outline: Outline, wants: Collection[str]) -> int:
 def _images_of(material: Material, wants: Collection[str]) -> list[int]:
     """Those of it that are wanted."""
     images = list(material.opacity_images) if OPACITY in wants else []
-    images += [material.base_color_image] if BASE_COLOR in wants else []
-    images += [material.emission_image] if EMISSION in wants else []
-    return [image for image in images if image is not None]
+    colours = {
+        BASE_COLOR: material.base_color_image,
+        DIFFUSE: material.diffuse[0],
+        EMISSION: material.emission_image,
+    }
+    found = [image for want, image in colours.items() if want in wants and image is not None]
+    return [*images, *dict.fromkeys(found)]

@@ -8,6 +8,7 @@ from itertools import chain
 import bpy
 import numpy as np
 
+from .attributes import numbers_of
 from .made_mesh import MadeMesh, Spheres, Strands, Tubes
 
 CURVE_RADIUS, POINT_RADIUS = 0.005, 0.01  # metres, where there is no attribute
@@ -27,7 +28,14 @@ def points_mesh(cloud: bpy.types.PointCloud) -> MadeMesh | None:
     count = len(cloud.points)
     points, radii = _positions(cloud, count), _radii(cloud, count, POINT_RADIUS)
     kept = np.isfinite(points).all(axis=1) & np.isfinite(radii) & (radii > 0.0)
-    return Spheres(cloud.name, points[kept], radii[kept]) if kept.any() else None
+    if not kept.any():
+        return None
+
+    def attributes(name: str) -> tuple[np.ndarray, bool] | None:
+        found = _attribute(cloud, name)
+        return None if found is None else (found[0][kept], True)
+
+    return Spheres(cloud.name, points[kept], radii[kept], attributes)
 
 
 def curves_mesh(curves: bpy.types.Curves, scene: bpy.types.Scene) -> MadeMesh | None:
@@ -38,7 +46,13 @@ def curves_mesh(curves: bpy.types.Curves, scene: bpy.types.Scene) -> MadeMesh | 
     curves.curve_offset_data.foreach_get("value", starts)
     count = len(curves.points)
     radii = _radii(curves, count, CURVE_RADIUS, np.diff(starts))
-    strands = Strands(_positions(curves, count), radii, starts.astype(np.int64), lambda: _root_uvs(curves))
+    strands = Strands(
+        _positions(curves, count),
+        radii,
+        starts.astype(np.int64),
+        lambda: _root_uvs(curves),
+        attributes=lambda name: _attribute(curves, name),
+    )
     kinds = curves.attributes.get("curve_type")
     is_straight = False
     if kinds is not None:
@@ -149,6 +163,16 @@ def _radii(
     values = np.empty(len(radius.data), np.float32)
     radius.data.foreach_get("value", values)
     return np.repeat(values, lengths) if radius.domain == "CURVE" else values
+
+
+def _attribute(owner: bpy.types.Curves | bpy.types.PointCloud, name: str) -> tuple[np.ndarray, bool] | None:
+    """(N, 1 to 4) float64, and whether they are of points and not of curves."""
+    # Cycles takes the radius for itself: to nodes it is not there.
+    attribute = None if name == "radius" else owner.attributes.get(name)
+    values = numbers_of(attribute)
+    if values is None or attribute.domain not in {"POINT", "CURVE"}:
+        return None
+    return values, attribute.domain == "POINT"
 
 
 def _root_uvs(curves: bpy.types.Curves) -> np.ndarray | None:

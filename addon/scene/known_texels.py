@@ -17,9 +17,10 @@ Read = tuple[np.ndarray | None, list[str]]
 class KnownTexels:
     """Those of the last extraction. To evaluate a picture takes seconds; to see that the pixels in its images
     are the same takes a hundredth of that. Blender does not tell of everything that writes to them. Only on
-    the main thread."""
+    the main thread. `are_kept`: for the next extraction; where there is none, nothing is compared."""
 
-    def __init__(self):
+    def __init__(self, are_kept: bool = True):
+        self._are_kept = are_kept
         self._known: dict[tuple, Read] = {}
 
     def read(self, pictures: Mapping[int, Picture]) -> dict[int, Read]:
@@ -45,7 +46,7 @@ class KnownTexels:
             made_of = (
                 picture.key,
                 bpy.data.colorspace.working_space,
-                *(content(image) for image in picture.images),
+                *(content(image) for image in picture.images if self._are_kept),
             )
             if made_of not in used:
                 known = self._known.get(made_of)

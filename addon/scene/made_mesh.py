@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -29,14 +29,23 @@ NARROWER = 0.01
 
 
 class MadeMesh(Protocol):
-    """`box` (2, 3) float64, low and high corners, object space, metres."""
+    """`box` (2, 3) float64, low and high corners, object space, metres; `has_attributes`: whether those that
+    Blender has can be read."""
 
     name: str
     vertices: int
     triangles: int
     box: np.ndarray
+    has_attributes: bool
 
     def arrays(self, wants_normals: bool, wants_uv: bool) -> MeshArrays: ...
+
+    def attribute(self, name: str, vertices: np.ndarray) -> np.ndarray | None:
+        """(N, 1 to 4) float64 at vertices (N,); None where there is none of that name."""
+
+
+Attributes = Callable[[str], tuple[np.ndarray, bool] | None]
+"""(N, 1 to 4) float64 of an attribute's name, and whether they are of points and not of curves; or None."""
 
 
 def kind_for(triangles: tuple[int, int, int]) -> int:
@@ -50,12 +59,17 @@ def kind_for(triangles: tuple[int, int, int]) -> int:
 class Strands:
     """Curves: `points` (P, 3) float32, object space, metres; `radii` (P,) float32, metres; `starts` (S + 1,)
     int64, the first point of each and then P. `uvs()` gives (S, 2) float32, each one's root on a texture, or
-    None."""
+    None. `keys` (P,) float64 and `numbers` (S,): which of Blender's points each is, with a share of the way
+    to the next, and which curve; None: as they come. `attributes` are of those, None where they are not
+    read."""
 
     points: np.ndarray
     radii: np.ndarray
     starts: np.ndarray
     uvs: Callable[[], np.ndarray | None] = lambda: None
+    keys: np.ndarray | None = None
+    numbers: np.ndarray | None = None
+    attributes: Attributes | None = None
 
     @property
     def lengths(self) -> np.ndarray:
@@ -89,7 +103,9 @@ class Strands:
             found = self.uvs()
             return None if found is None else found[kept]
 
-        return Strands(self.points[of_points], self.radii[of_points], starts, uvs)
+        keys, numbers = np.flatnonzero(of_points).astype(np.float64), np.flatnonzero(kept)
+        points, radii = self.points[of_points], self.radii[of_points]
+        return Strands(points, radii, starts, uvs, keys, numbers, self.attributes)
 
     def rounded(self, most_pieces: int) -> Strands:
         """Each segment in up to `most_pieces` straight ones along the Catmull-Rom curve through the points,
@@ -122,7 +138,31 @@ class Strands:
             )
         starts = pieces * (self.starts - np.arange(len(self.starts))) + np.arange(len(self.starts))
         made[starts[1:] - 1] = points[self.starts[1:] - 1]
-        return Strands(made[:, :3].copy(), np.maximum(made[:, 3], 0.0), starts, self.uvs)
+        keys = self._keys
+        between = np.empty(len(made))
+        for piece in range(pieces):
+            between[at + piece] = keys[first] + piece / pieces * (keys[first + 1] - keys[first])
+        between[starts[1:] - 1] = keys[self.starts[1:] - 1]
+        return replace(
+            self, points=made[:, :3].copy(), radii=np.maximum(made[:, 3], 0.0), starts=starts, keys=between
+        )
+
+    @property
+    def _keys(self) -> np.ndarray:
+        return np.arange(len(self.points), dtype=np.float64) if self.keys is None else self.keys
+
+    def attribute(self, name: str) -> np.ndarray | None:
+        """(P, 1 to 4) float64, between Blender's points linear; None where there is none of that name."""
+        found = None if self.attributes is None else self.attributes(name)
+        if found is None:
+            return None
+        values, is_of_points = found
+        if not is_of_points:
+            return (values if self.numbers is None else values[self.numbers])[self.strand]
+        keys = self._keys
+        first = keys.astype(np.int64)
+        share = (keys - first)[:, None]
+        return (1.0 - share) * values[first] + share * values[np.minimum(first + 1, len(values) - 1)]
 
     def thinned(self) -> Strands:
         """Without every second point, and again without every second, as far as bends and widths allow, where
@@ -142,7 +182,10 @@ class Strands:
                 break
             length = kept.shape[1]
             points, radii = kept[..., :3].reshape(-1, 3), kept[..., 3].reshape(-1)
-            strands = Strands(points, radii, length * np.arange(len(kept) + 1), self.uvs)
+            starts, last = length * np.arange(len(kept) + 1), strands._keys.reshape(len(kept), -1)
+            strands = replace(
+                strands, points=points, radii=radii, starts=starts, keys=last[:, ::2].reshape(-1)
+            )
         return strands
 
 
@@ -185,6 +228,14 @@ class Tubes:
             uvs,
         )
 
+    @property
+    def has_attributes(self) -> bool:
+        return self._strands.attributes is not None
+
+    def attribute(self, name: str, vertices: np.ndarray) -> np.ndarray | None:
+        values = self._strands.attribute(name)
+        return None if values is None else values[vertices // self.sides]
+
     def _frames(self) -> tuple[np.ndarray, np.ndarray]:
         """(P, 3) float32 twice: two axes across a strand at each of its points, which turn little from one to
         the next."""
@@ -210,10 +261,15 @@ class Tubes:
 
 class Spheres:
     """Spheres around points, smooth; see MadeMesh. `points` (N, 3) float32, object space, metres; `radii`
-    (N,) float32, metres."""
+    (N,) float32, metres; `attributes` are of these."""
 
-    def __init__(self, name: str, points: np.ndarray, radii: np.ndarray):
+    has_attributes = True
+
+    def __init__(
+        self, name: str, points: np.ndarray, radii: np.ndarray, attributes: Attributes = lambda name: None
+    ):
         self.name = name
+        self._attributes = attributes
         kinds = [_icosphere(level) for level in (2, 1, 0)]
         chosen = kind_for(tuple(len(faces) * len(points) for _, faces in kinds))
         self._directions, self._faces = kinds[chosen]
@@ -237,6 +293,10 @@ class Spheres:
         normals = outward.reshape(-1, 3)[corners] if wants_normals else None
         starts = np.arange(0, len(corners) + 1, 3, dtype=np.int32)
         return MeshArrays(positions.reshape(-1, 3), corners, starts, normals)
+
+    def attribute(self, name: str, vertices: np.ndarray) -> np.ndarray | None:
+        found = self._attributes(name)
+        return None if found is None else found[0][vertices // len(self._directions)]
 
 
 def _rotations(count: int) -> np.ndarray:

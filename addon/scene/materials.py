@@ -11,21 +11,20 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import bpy
-import numpy as np
 
-from ..core.outline import Image, Material, Opacity
+from ..core.outline import Colour, Image, Material, Opacity
 from .nodes.baked import BakedTexture
 from .nodes.closures import Closure
+from .nodes.factors import Product, product_of
 from .nodes.graph import Leaves, origins
 from .nodes.opacities import Parts, parts_of
 from .nodes.pictures import Picture, Placement, placement_of
 from .nodes.surface import Surface, surface_at
-from .nodes.values import COLOUR, Attribute, Value, constant
-from .pixels import pixels_of
+from .nodes.values import COLOUR, Attribute, Uv, Value, complement, constant, converted, product
 from .transforms import as_colour
 from .volumes import volume_of
 
-OPACITY, BASE_COLOUR, EMISSION = "opacity", "base colour", "emission"
+OPACITY, BASE_COLOUR, METALLIC, EMISSION = "opacity", "base colour", "metallic", "emission"
 
 
 class Images:
@@ -49,7 +48,7 @@ class Images:
         return self._indices[key]
 
     def corner(self, value: Value) -> str:
-        """The name by which an opacity tells it."""
+        """The name by which a material tells it."""
         names = sorted({source.name for source in value.sources if isinstance(source, Attribute)})
         name = f"{', '.join(names)}#{value.key}"
         self.corners[name] = value
@@ -64,8 +63,8 @@ def default_material() -> Material:
 @dataclass(frozen=True, eq=False)
 class ReadMaterial:
     """A material and its warnings. `unread` is what of 'opacity', 'base colour' and 'emission' is not read,
-    and only for what its nodes are. By the same words, `baked` has keys of the textures that Blender bakes
-    for it."""
+    and only for what its nodes are. By such words, `baked` has keys of the textures that Blender bakes for
+    it."""
 
     material: Material
     warnings: list[str] = field(default_factory=list)
@@ -129,9 +128,8 @@ def _surface_of(material: bpy.types.Material, images: Images, leaves: Leaves | N
     if not _has_surface(material):
         name = material.name_full
         if material.node_tree is None:
-            colour, roughness = as_colour(material.diffuse_color[:3]), float(material.roughness)
             warning = f"material '{name}': it has no nodes, its viewport colour is used"
-            return ReadMaterial(Material(name, colour, roughness=roughness), [warning])
+            return ReadMaterial(Material(name, as_colour(material.diffuse_color[:3])), [warning])
         warning = f"material '{name}': without a shader it is black, as in Cycles"
         return ReadMaterial(Material(name, (0.0, 0.0, 0.0)), [warning])
     return _Maker(material, images, leaves).made()
@@ -140,6 +138,14 @@ def _surface_of(material: bpy.types.Material, images: Images, leaves: Leaves | N
 def _baked(values: Iterable[Value | None]) -> frozenset[str]:
     parts = (part for value in values if value is not None for part in value.parts())
     return frozenset(part.texture.key for part in parts if isinstance(part.texture, BakedTexture))
+
+
+BLACK = constant(COLOUR, [0.0] * 3)
+
+
+def _maps_of(pictures: list[Value]) -> frozenset[str]:
+    """Names of the UV maps that they lie on; of the one for rendering empty."""
+    return frozenset(s.name for picture in pictures for s in picture.sources if isinstance(s, Uv))
 
 
 class _Maker:
@@ -152,7 +158,9 @@ class _Maker:
         self.warnings = list(self.surface.warnings)
         self.placement = Placement()
         self.corners: Value | None = None
-        self.unread: dict[str, None] = dict.fromkeys({EMISSION} & self.surface.varying)
+        self.colour_corners: Value | None = None
+        self.maps: frozenset[str] = frozenset()
+        self.unread: dict[str, None] = dict.fromkeys({EMISSION} & self.surface.lacking)
 
     def made(self) -> ReadMaterial:
         surface, shown = self.surface, self.surface.shown
@@ -160,62 +168,90 @@ class _Maker:
         parts = [self._parts(closure) for closure in closures]
         base = self._base(shown)
         pictures = [each.picture for each in parts if each.picture is not None]
+        pictures += [] if base.picture.is_constant else [base.picture]
+        self.maps = _maps_of(pictures)
+        diffuse, metallic = self._diffuse(shown, base)
         emission = self._emission(shown)
-        pictures += [each for each in (base, emission) if not each.is_constant]
+        pictures += [each.picture for each in (diffuse, emission) if not each.picture.is_constant]
         if pictures:
             self.placement, warnings = placement_of(pictures)
             self.warnings += warnings
         opacities = {closure: self._opacity(each) for closure, each in zip(closures, parts, strict=True)}
         seen = opacities[surface.seen[0]], opacities[surface.seen[1]]
         casts = opacities[surface.casts[0]], opacities[surface.casts[1]]
-        image = None if base.is_constant else self.images.index(base, self.placement)
-        colour = base.constant.tolist() if base.is_constant else self.material.diffuse_color[:3]
         read = Material(
             self.material.name_full,
-            as_colour(colour),
-            image,
+            *self._colour(base, self.material.diffuse_color[:3]),
             seen,
             casts,
-            self._constant(shown.roughness, "roughness", 0.5),
-            as_colour(self._mean(emission)),
-            self._constant(shown.metallic, "metallic", 0.0),
+            *self._colour(emission),
+            metallic,
+            *self._colour(diffuse)[1:],
             unread_opacity=OPACITY in self.unread,
+            tints=surface.tints,
             is_holdout=self._is_holdout(shown),
             uv_map=self.placement.uv_map,
             uv_matrix=self.placement.matrix,
-            emission_image=None if emission.is_constant else self.images.index(emission, self.placement),
         )
         name = self.material.name_full
         warnings = [f"material '{name}': {warning}" for warning in dict.fromkeys(self.warnings)]
         baked = {
             OPACITY: _baked(each.picture for each in parts),
-            BASE_COLOUR: _baked([base]),
-            EMISSION: _baked([emission]),
+            BASE_COLOUR: _baked([base.picture]),
+            METALLIC: _baked([diffuse.picture]),
+            EMISSION: _baked([emission.picture]),
         }
         return ReadMaterial(read, warnings, tuple(self.unread), baked)
 
-    def _base(self, closure: Closure) -> Value:
+    def _base(self, closure: Closure) -> Product:
         """The base colour; the viewport colour for one that is not read."""
-        value = closure.base
-        if value.unread or value.hangs_on(Attribute):
+        found = self._product(closure.base, BASE_COLOUR, "its viewport colour is used")
+        if found is None:
             self.unread[BASE_COLOUR] = None
-            self.warnings.append(f"{origins(value)} not read for base colour, its viewport colour is used")
-            return constant(COLOUR, self.material.diffuse_color[:3])
-        return value
+            return Product(constant(COLOUR, self.material.diffuse_color[:3]))
+        return found
 
-    def _emission(self, closure: Closure) -> Value:
-        value = closure.emission
-        if value.is_constant or not (value.unread or value.hangs_on(Attribute)):
-            return value
-        self.unread[EMISSION] = None
-        return constant(COLOUR, self._constant(value, "emission", [0.0] * 3))
+    def _emission(self, closure: Closure) -> Product:
+        found = self._product(closure.emission, EMISSION, "0 is used")
+        if found is None:
+            self.unread[EMISSION] = None
+            return Product(BLACK)
+        return found
 
-    def _mean(self, value: Value) -> list[float]:
-        """What stands for it where only a constant counts; of what is not baked yet, anything."""
-        if value.is_constant:
-            return value.constant.tolist()
-        texels, _ = Picture(value, self.placement).texels(pixels_of)
-        return [1.0] * 3 if texels is None else texels[..., :3].mean(axis=(0, 1)).tolist()
+    def _diffuse(self, closure: Closure, base: Product) -> tuple[Product, float]:
+        """What diffuse light comes back by where metallic is not the same all over, else nothing; and
+        metallic where it is."""
+        if closure.metallic.is_constant:
+            return Product(), closure.metallic.number()
+        dielectric = complement(closure.metallic)
+        value = product(base.value, dielectric)
+        return self._product(value, METALLIC, "0 is used", dielectric) or Product(), 0.0
+
+    def _product(self, value: Value, use: str, instead: str, of: Value | None = None) -> Product | None:
+        """A colour as a product; None, with a warning, for one that is not read. `of`: the part of it to
+        blame."""
+        found = None if value.unread else product_of(value)
+        if found is not None and not found.picture.is_constant and self.maps:
+            # All pictures of a material lie on one map: those of opacity and base colour decide.
+            found = found if _maps_of([found.picture]) <= self.maps else None
+        if found is not None and not found.corners.is_constant:
+            # A corner of a face carries one colour.
+            if self.colour_corners is None:
+                self.colour_corners = found.corners
+            found = found if self.colour_corners.key == found.corners.key else None
+        if found is None:
+            self.warnings.append(f"{origins(of or value)} not read for {use}, {instead}")
+            return None
+        # A product of pictures alone stays as the nodes have it, to the last bit.
+        return Product(picture=value) if found.corners.is_constant and not value.is_constant else found
+
+    def _colour(self, of: Product, instead=(0.0, 0.0, 0.0)) -> tuple[Colour, int | None, str]:
+        """The constant, the picture and the corners; `instead`: for a picture that turns out unreadable."""
+        corners = "" if of.corners.is_constant else self.images.corner(converted(of.corners, COLOUR))
+        if of.picture.is_constant:
+            return as_colour(converted(of.uniform, COLOUR).constant.tolist()), None, corners
+        picture = converted(product(of.picture, of.uniform), COLOUR)
+        return as_colour(instead), self.images.index(picture, self.placement), corners
 
     def _parts(self, closure: Closure) -> Parts:
         value = closure.opacity
@@ -235,13 +271,6 @@ class _Maker:
         image = None if parts.picture is None else self.images.index(parts.picture, self.placement)
         corners = "" if parts.corners is None else self.images.corner(parts.corners)
         return Opacity(parts.uniform, image, corners, parts.threshold)
-
-    def _constant(self, value: Value, use: str, instead):
-        """The number, or the list of them, of what is read where it is constant."""
-        if value.is_constant:
-            return value.constant.tolist()
-        self.warnings.append(f"{origins(value)} not read for {use}, {np.mean(instead):g} is used")
-        return instead
 
     def _is_holdout(self, closure: Closure) -> bool:
         if closure.holdout.equals(1.0):

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from ..core.errors import StrataError
-from ..core.outline import Bounds, Instance, Outline
+from ..core.outline import Bounds, Instance, Instances, Outline
 from ..core.shot import Camera, Raster, Shot
 from .cameras import camera_of, camera_warnings, frame_size_of, pixel_filter_of, region_of
 from .displacement import BySlot
@@ -41,6 +41,10 @@ _NOT_READ = {
     "VOLUME": ("volumes are not read, what it takes of light and adds is missing", True),
     "GREASEPENCIL": ("grease pencil is not read, Blender draws it over the picture", False),
 }
+
+
+BETWEEN_LOOKS = 64
+"""Instances read between two looks at the clock: one may take longer than to read an instance."""
 
 
 @dataclass(frozen=True)
@@ -148,8 +152,8 @@ class _Scanner:
             self._warn(warning)
         if self.materials.exactly is not None:
             self.materials.exactly.raster = raster
-        for instance in self.depsgraph.object_instances:
-            if time.thread_time() > end:
+        for number, instance in enumerate(self.depsgraph.object_instances):
+            if number % BETWEEN_LOOKS == 0 and time.thread_time() > end:
                 raise TooLong(f"scene '{scene.name}' takes long to read")
             shown = instance.object
             if not self._is_shown(instance, shown):
@@ -224,22 +228,20 @@ class _Scanner:
 
     def _assumed(self) -> Iterator[Missing]:
         """Of what is read in part: with its objects, and what is taken in place of the rest."""
-        yield from self.materials.told(self.instances)
+        yield from self.materials.told([each for each in self.appearances.values() if each is not None])
         yield from self.meshes.told
-        shown = [each for each in self.instances if each["visible_camera"]]
-        if objects := named((each["name"] for each in shown if each["is_holdout"]), "holdout object"):
-            yield Missing(f"{objects}: layers show what is behind, where Cycles leaves a hole")
-        if objects := named((e["name"] for e in shown if e["name"] in self.catchers), "shadow catcher"):
+        names = {each["name"] for each in self.appearances.values() if each and each["visible_camera"]}
+        if objects := named(names & self.catchers, "shadow catcher"):
             light = "Cycles' passes of light, which layers are multiplied onto, have none of it"
             yield Missing(f"{objects}: layers take it for a surface like any other, and {light}")
 
     # Meshes
 
     def _shapes(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> None:
+        is_mesh = shown.type == "MESH"
         if instance.show_self:
-            data = self._mesh_of(shown) if shown.type == "MESH" else shown.data
-            self._shape(instance, shown, data)
-        if shown.type == "MESH" and instance.show_particles:
+            self._shape(instance, shown, self._mesh_of(shown) if is_mesh else shown.data)
+        if is_mesh and len(shown.particle_systems) and instance.show_particles:
             for modifier in hair_systems(shown, self.is_render):
                 self._shape(instance, shown, modifier)
 
@@ -307,11 +309,13 @@ class _Scanner:
             "mesh": mesh,
             "object_id": self.object_ids.setdefault(shown.original.session_uid, len(self.object_ids)),
             "materials": slots,
-            "visible_camera": is_surface
+            "visible_camera": any(material.is_seen for material in materials)
             and shown.visible_camera
             and owner.visible_camera
             and not indirect_only,
-            "casts_shadow": is_surface and shown.visible_shadow and owner.visible_shadow,
+            "casts_shadow": any(material.casts_shadow for material in materials)
+            and shown.visible_shadow
+            and owner.visible_shadow,
             "medium": None if is_surface else materials[0].medium,
             "is_holdout": shown.is_holdout
             or owner.holdout_get(view_layer=view_layer)
@@ -319,7 +323,7 @@ class _Scanner:
             "own_settings": own_settings_of(shown, "Object"),
         }
 
-    def _finished_instances(self) -> tuple[Instance, ...]:
+    def _finished_instances(self) -> Instances:
         """Without those whose matrix cannot be used; `objects` stays in step."""
         matrices = np.array(self.matrices, np.float64).reshape(-1, 4, 4)
         usable = are_usable(matrices)
@@ -338,7 +342,10 @@ class _Scanner:
         centres = np.einsum("nij,nj->ni", matrices[:, :3, :3], boxes.mean(axis=1)) + matrices[:, :3, 3]
         extents = np.einsum("nij,nj->ni", np.abs(matrices[:, :3, :3]), 0.5 * (boxes[:, 1] - boxes[:, 0]))
         lows, highs = (centres - extents).tolist(), (centres + extents).tolist()
-        return tuple(
+        made = Instances(
             Instance(matrix=tuple(map(tuple, rows)), bounds=Bounds(tuple(low), tuple(high)), **appearance)
             for appearance, rows, low, high in zip(appearances, matrices.tolist(), lows, highs, strict=True)
         )
+        # Known already: of many instances they take long to be made again.
+        made.matrices, made.boxes = matrices, np.stack([centres - extents, centres + extents], axis=1)
+        return made

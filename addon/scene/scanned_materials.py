@@ -145,3 +145,12 @@ class ScannedMaterials:
             if objects:
                 line = f"material '{material}' of {objects}: displacement by {unread} is not read"
                 yield Missing(f"{line}, shapes and shadows are taken without it", True)
+        for index, material in enumerate(self.headers):
+            objects = material.tints and named(
+                (each["name"] for each in instances if index in each["materials"]), "object"
+            )
+            if objects:
+                verb = "colours" if len(material.tints) == 1 else "colour"
+                line = f"material '{material.name}' of {objects}: {named(material.tints, 'node')} {verb} "
+                line += "what comes through"
+                yield Missing(f"{line}, shadows have its luminance in all channels")

@@ -17,21 +17,26 @@ _INTRO = """# What is read of materials
 <!-- Written by `python -m strata.scripts.build.reading_docs` from the code: change that. -->
 
 Strata reads a material from its output node for Cycles, through links, reroutes, muted nodes and node groups
-as Cycles does. What comes out is how much the surface stops, its base colour, roughness, metallic, emission,
-and whether it is a holdout.
+as Cycles does. What comes out is how much the surface stops, its base colour, metallic, emission, and whether
+it is a holdout. Roughness is not read: no effect asks for it.
 
 - **Opacity** is 1 less the luminance of what Transparent BSDFs let through. It is read four times: for
   cameras and for shadow rays, of the front and of the back. Cycles does not heed a material's Backface
   Culling, and neither does Strata.
-- **Base colour** is the share of diffuse light that comes back, of the front as a camera sees it.
+- **Base colour** is the share of diffuse light that comes back, of the front as a camera sees it. Of a metal
+  nothing does, in the weights of layers: where Metallic hangs on a texture, the product is a picture of its
+  own.
+- **Emission** shines towards the camera, and lights nothing. Toon and the composite show it.
+- Pictures are made of what an effect asks for, and only then.
 - **Constants** are folded in float64.
 - **What hangs on textures** is evaluated at texels, as many as the finest image has, and kept once however
   many materials use it. One Mapping of all of a material's textures moves the mesh's coordinates and costs
   nothing; where they differ, pictures are evaluated over the unit square, and a mesh whose UVs leave it is
   told of. A texture that is compared with a number stays a texture and a threshold, so that its edges are
   where Cycles has them.
-- **What hangs on attributes** is evaluated at the corners of faces, for opacity. A product of the two is kept
-  as two factors.
+- **What hangs on attributes** is evaluated at the corners of faces. A product with what hangs on textures is
+  kept as two factors; any other function of both is not read. Of colours a corner carries one: where base
+  colour, metallic and emission hang on different attributes, the first of them is read.
 - **Displacement**, but for bumps, moves the vertices that a mesh has along their normals: by a Displacement
   node in object space, whose height, midlevel and scale may hang on all of this. Adaptive subdivision is not
   read, nor are Vector Displacement and a node's own Normal.
@@ -43,14 +48,15 @@ and whether it is a holdout.
 
 With `--read exact` (*Materials: Exact* in the panel) an output of a node that is not read is baked by Cycles,
 over each mesh that shows it, and the rest of the material is read as ever. So opacity, base colour and
-emission are read of all nodes, and emission may vary, but for these, which stay as they are without it:
+emission are read of all nodes, but for these, which stay as they are without it:
 
 - what hangs on who looks from where (Fresnel, Layer Weight, Camera Data, Light Path, Incoming, Window and
   Camera coordinates), on other objects (Ambient Occlusion but for Only Local), or on what is no mesh;
 - what tells the instances of one instancer apart (Object Info, the world's place), and attributes of objects,
   instancers and view layers;
 - hair and points; base colour and emission of a material whose opacity is read without baking, and has a
-  picture of its own that would get coarser; displacement, metallic and roughness.
+  picture of its own that would get coarser; displacement; metallic where
+  nothing else of the material is baked.
 
 How that is done:
 

@@ -37,7 +37,8 @@ def facets(outline, arrays, instance, triangle, origin, weigh, turned) -> dict[s
     (N, 3, 2), which belong to `rows` of the arrays; `turned(winding, rows)`: 1, or -1 where a normal faces
     the wrong way."""
     count = len(instance)
-    values = {name: np.zeros((count, 3)) for name in ("position", "geometric_normal", "shading_normal")}
+    triples = "position", "geometric_normal", "shading_normal", "corner_colour"
+    values = {name: np.zeros((count, 3)) for name in triples}
     values |= {"uv": np.zeros((count, 2)), "instance": instance, "triangle": triangle}
     values |= {name: np.zeros(count, int) for name in ("object_id", "material")}
     for index in np.unique(instance):
@@ -57,6 +58,7 @@ def facets(outline, arrays, instance, triangle, origin, weigh, turned) -> dict[s
         slots = mesh.face_slots[faces[triangle[rows]]].clip(0, len(placed.materials) - 1)
         values["position"][rows] = (weights @ points)[:, 0]
         values["uv"][rows] = (weights @ uvs)[:, 0]
+        values["corner_colour"][rows] = (weights @ mesh.corner_colours[corner].astype(np.float64))[:, 0]
         values["geometric_normal"][rows] = turn * winding
         values["shading_normal"][rows] = turn * unit(local @ cofactors.T)
         values["object_id"][rows] = placed.object_id

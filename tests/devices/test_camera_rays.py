@@ -21,7 +21,7 @@ TURNED = {"right": (0.8, 0.6, 0.0), "up": (-0.36, 0.48, 0.8), "forward": (0.48, 
 
 
 def dressed(seed: int):
-    """A random scene, mirrored in places, with corner normals, uvs and material slots."""
+    """A random scene, mirrored in places, with corner normals, uvs, colours and material slots."""
     outline, arrays = random_scene(seed)
     rng = np.random.default_rng(seed)
     matrices = arrays.matrices.copy()
@@ -33,7 +33,9 @@ def dressed(seed: int):
         normals = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
         uvs = rng.random((corners, 2), np.float32)
         slots = rng.integers(0, 3, faces).astype(np.int32)
-        meshes.append(replace(mesh, corner_normals=normals, corner_uvs=uvs, face_slots=slots))
+        colours = rng.random((corners, 3), np.float32)
+        more = {"corner_uvs": uvs, "corner_colours": colours, "face_slots": slots}
+        meshes.append(replace(mesh, corner_normals=normals, **more))
     materials = outline.materials * 2
     instances = tuple(replace(each, materials=(1, 0), object_id=7) for each in outline.instances)
     outline = replace(outline, materials=materials, instances=instances)

@@ -40,13 +40,14 @@ def layered_depths(devices, view, layers, size=(WIDTH, HEIGHT), casters=None):
     return maps
 
 
-def surfaces(devices, view, chunk, attributes=tuple(ATTRIBUTES), visible=None):
+def surfaces(devices, view, chunk, attributes=tuple(ATTRIBUTES), visible=None, **more):
     values = []
     for device, geometry in devices:
         everything = frozenset(range(len(device.instance_mask(()))))
         value = SURFACE.twin(device.name)(
-            device, geometry, view, everything if visible is None else visible, chunk, frozenset(attributes)
-        )
+            device, geometry, view, everything if visible is None else visible, chunk, frozenset(attributes),
+            **more,
+        )  # fmt: skip
         values.append(device.to_host(value))
     return values
 
@@ -181,8 +182,29 @@ def test_surfaces_of_a_scene_agree(offset, orthographic):
     )
     # Weights of corners are good to position error / triangle size (0.2 m), and uv change by 0.3 a triangle.
     assert np.abs(cpu["uv"] - gpu["uv"])[same].max() < 2e-4
+    assert np.abs(cpu["corner_colour"] - gpu["corner_colour"])[same].max() < 2e-4
+    # The ground has no colours of its own.
+    assert (cpu["corner_colour"][(cpu["instance"] == 0)] == 1.0).all()
     assert np.abs(cpu["shading_normal"] - gpu["shading_normal"])[same].max() < 2e-4
     assert np.abs(cpu["geometric_normal"] - gpu["geometric_normal"])[same].max() < 2e-5
+
+
+def test_holdouts_hide_and_show_nothing():
+    devices = on_both(*courtyard(np.random.default_rng(5)))
+    view = down((-0.5, 0.5, -0.5, 0.5), 0.1, 50.0, (0.3, 0.2, 6.0))
+    chunk = Chunk(160, 120, 40, 110, 0, (0.2, 0.4))
+    held = frozenset({1, 3})
+    for whole, holed in zip(
+        surfaces(devices, view, chunk), surfaces(devices, view, chunk, holdouts=held), strict=True
+    ):
+        is_hole = np.isin(whole["instance"], sorted(held))
+        assert is_hole.mean() > 0.02
+        for name, each in ATTRIBUTES.items():
+            assert np.array_equal(holed[name][~is_hole], whole[name][~is_hole]), name
+            expected = whole[name][is_hole] if name == "depth" else each.miss
+            assert (holed[name][is_hole] == expected).all(), name
+    some = surfaces(devices, view, chunk, ("material",), holdouts=held)
+    assert all(set(each) == {"material"} for each in some)
 
 
 @pytest.mark.parametrize("ground_last", [False, True])

@@ -94,7 +94,7 @@ def test_rows_are_those_of_the_whole_image():
 
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
 @pytest.mark.parametrize("inside_out", [False, True])
-def test_normals_and_uv_are_interpolated_in_perspective(mirror, inside_out):
+def test_what_corners_carry_is_interpolated_in_perspective(mirror, inside_out):
     rng = np.random.default_rng(8)
     matrix = np.eye(4)
     matrix[:3, :3] = rng.normal(size=(3, 3)) * [1.0, 2.0, 0.5]
@@ -108,8 +108,10 @@ def test_normals_and_uv_are_interpolated_in_perspective(mirror, inside_out):
     normals = outward / np.linalg.norm(outward) + rng.normal(size=(3, 3)) * 0.3
     normals = (normals / np.linalg.norm(normals, axis=-1, keepdims=True)).astype(np.float32)
     uvs = rng.uniform(size=(3, 2)).astype(np.float32)
+    colours = rng.uniform(size=(3, 3)).astype(np.float32)
     geometry = kernels.Geometry()
-    add_triangles(geometry, [corners], matrix, corner_normals=normals, corner_uvs=uvs)
+    more = {"corner_uvs": uvs, "corner_colours": colours}
+    add_triangles(geometry, [corners], matrix, corner_normals=normals, **more)
     s = surface(geometry, down(), 16, 16)
     assert (s["triangle"] == 0).all()
 
@@ -118,6 +120,7 @@ def test_normals_and_uv_are_interpolated_in_perspective(mirror, inside_out):
     weights = np.linalg.solve(world.T, position.T).T
     np.testing.assert_allclose(weights.sum(-1), 1.0, atol=1e-5)
     np.testing.assert_allclose(s["uv"].reshape(-1, 2), weights @ uvs, atol=1e-5)
+    np.testing.assert_allclose(s["corner_colour"].reshape(-1, 3), weights @ colours, atol=1e-5)
     # Normals go by the inverse transpose, whichever way the matrix mirrors.
     outward = outward @ np.linalg.inv(matrix[:3, :3])
     turn = np.where(position @ outward > 0, -1.0, 1.0)[:, None]

@@ -84,6 +84,16 @@ def test_what_no_ray_of_a_layer_meets_changes_nothing():
     assert "unread" not in layer.error
 
 
+def test_a_tint_counts_as_what_is_not_read():
+    """Of light that comes through in colour the layer has the luminance."""
+    job = job_of(False)
+    materials = job.outline.materials[0], replace(job.outline.materials[1], tints=("Transparent BSDF",))
+    job.outline = replace(job.outline, materials=materials)
+    (layer,) = job.result().layers.layers
+    assert layer.error["unread"] > 0.0
+    assert layer.error["ci95"] == job_of(True).result().layers.layers[0].error["ci95"]
+
+
 def error_of(value, low, high) -> LayerError:
     return LayerError("in use", value, (low, high), 0.0, value, value, 9, "rays", 0.0, 1.0)
 

@@ -12,7 +12,7 @@ import pytest
 import strata_kernels
 from strata.addon.core.arrays import MeshArrays, OpacityArrays
 from strata.addon.core.outline import Opacity
-from strata.addon.scene.corner_values import corner_opacity
+from strata.addon.scene.corner_values import corner_colours, corner_opacity
 from strata.addon.scene.extract import (
     BASE_COLOR,
     CORNER_NORMALS,
@@ -147,14 +147,13 @@ def test_principled_values(scene):
     bpy.ops.mesh.primitive_cube_add()
     _, node = material_on(bpy.context.object, "Red")
     node.inputs["Base Color"].default_value = (0.9, 0.1, 0.2, 1.0)
-    node.inputs["Roughness"].default_value = 0.25
     node.inputs["Emission Color"].default_value = (1.0, 0.5, 0.0, 1.0)
     node.inputs["Emission Strength"].default_value = 2.0
     (outline, arrays) = read(scene)
     (material,) = outline.materials
     assert material.metallic == 0.0
     assert material.base_color == pytest.approx((0.9, 0.1, 0.2))
-    assert (material.roughness, material.emission) == (0.25, (2.0, 1.0, 0.0))
+    assert material.emission == (2.0, 1.0, 0.0)
     assert material.opacities == {Opacity()}
     assert not outline.warnings
     node.inputs["Alpha"].default_value = 0.25
@@ -329,6 +328,14 @@ def test_opacity_of_corners(scene):
     assert warnings == ["object 'Strips': it has no attribute 'lost', which counts as 0"]
     found = corner_opacity(mesh, read_mesh, [converted(factor("tint", "Color"), FLOAT)], "Strips", warnings)
     np.testing.assert_allclose(found[9:], rgba[9:, :3] @ CYCLES_LUMINANCE, rtol=1e-5)
+    rgba[9] = -1.0, 7.0, np.inf, 1.0
+    colours.data.foreach_set("color", rgba.ravel())
+    spread = converted(factor("there", "Fac"), COLOUR)
+    found = corner_colours(mesh, read_mesh, [spread, None, factor("tint", "Color")], "Strips", warnings)
+    np.testing.assert_allclose(found[:4], np.repeat([[0.0], [0.1], [0.6], [0.5]], 3, axis=1), atol=1e-6)
+    assert (found[4:8] == 1.0).all()
+    np.testing.assert_allclose(found[8:10], [(0.0, 0.0, 0.0), (0.0, 7.0, 1e30)], rtol=1e-6)
+    np.testing.assert_array_equal(found[10:12], rgba[10:12, :3])
 
 
 @pytest.mark.parametrize("working_space", ["Linear Rec.709", "Linear Rec.2020", "ACEScg"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -211,3 +212,40 @@ def test_many_hairs_are_few_triangles_each():
     mesh = tubes.arrays(False, False)
     assert len(mesh.corner_vertices) == 2 * tubes.triangles
     assert mesh.nbytes < 24.0 * tubes.triangles
+
+
+def test_attributes_are_linear_between_the_points_that_there_were():
+    """Values that count points: of what is left out, rounded and thinned they tell where it was."""
+    points = np.random.default_rng(4).normal(size=(12, 3))
+    points[4] = math.nan
+    strands = strands_of(points, 0.01, [3, 3, 2, 4])
+    values = {"point": (np.arange(12.0)[:, None], True), "curve": (10.0 * np.arange(4.0)[:, None], False)}
+    rounded = replace(strands, attributes=values.get).usable().rounded(4)
+    assert rounded.lengths.tolist() == [9, 5, 13]
+    expected = [*np.linspace(0, 2, 9), *np.linspace(6, 7, 5), *np.linspace(8, 11, 13)]
+    assert rounded.attribute("point")[:, 0] == pytest.approx(expected)
+    assert rounded.attribute("curve")[:, 0].tolist() == [0.0] * 9 + [20.0] * 5 + [30.0] * 13
+    assert rounded.attribute("other") is None
+    tubes = Tubes("some", rounded)
+    mesh = tubes.arrays(False, False)
+    found = tubes.attribute("point", mesh.corner_vertices)[:, 0]
+    along = mesh.positions.reshape(-1, tubes.sides, 3).mean(axis=1)  # the point of each ring
+    places = {tuple(np.round(place, 4)): value for place, value in zip(along, expected, strict=True)}
+    corners = along[mesh.corner_vertices // tubes.sides]
+    assert found == pytest.approx([places[tuple(np.round(place, 4))] for place in corners])
+    count, line = 20_000, np.zeros((20_000, 9, 3))
+    line[..., 0] = np.linspace(0.0, 1.0, 9)
+    values = {"point": (np.arange(9.0 * count)[:, None], True)}
+    many = replace(strands_of(line, 1e-3, [9] * count), attributes=values.get).thinned()
+    assert many.attribute("point").reshape(count, 2).tolist() == [[9 * n, 9 * n + 8] for n in range(count)]
+
+
+def test_attributes_of_spheres_are_those_of_their_points():
+    points = 3.0 * np.arange(15, dtype=np.float32).reshape(5, 3)
+    values = {"size": (np.arange(5.0)[:, None], True)}
+    spheres = Spheres("some", points, np.full(5, 0.1, np.float32), values.get)
+    mesh = spheres.arrays(False, False)
+    found = spheres.attribute("size", mesh.corner_vertices)[:, 0].astype(int)
+    away = np.linalg.norm(mesh.positions[mesh.corner_vertices] - points[found], axis=1)
+    assert away.max() < 0.2
+    assert spheres.attribute("other", mesh.corner_vertices) is None

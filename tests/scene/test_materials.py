@@ -106,7 +106,8 @@ def test_what_is_transparent_alone_is_not_there(card):
     assert not card.warnings
     tinted = card.show(card.node("BsdfTransparent", (1.0, 0.0, 0.0, 1.0)))
     assert on_both_sides(tinted).value == pytest.approx(1.0 - 0.21264, abs=1e-5)
-    assert "lets a colour through" in card.warnings[0]
+    assert tinted.tints == ("Transparent BSDF.002",)
+    assert not grey.tints
 
 
 def test_glow_added_to_what_is_clear(card):
@@ -276,6 +277,42 @@ def test_vertex_alpha_and_its_product_with_a_texture(card):
     # No product: neither a picture nor a factor of corners.
     total = card.node("Math", texture.outputs["Alpha"], paint.outputs["Alpha"], operation="ADD")
     assert card.show(card.node("MixShader", total, clear, card.principled.outputs[0])).unread_opacity
+
+
+def test_base_colours_of_attributes(card):
+    paint = card.tree.nodes.new("ShaderNodeVertexColor")
+    paint.layer_name = "Paint"
+    texture = card.tree.nodes.new("ShaderNodeTexImage")
+    texture.image = float_image("Leaf", 8, 1)
+
+    def base(colour):
+        card.tree.links.new(colour, card.principled.inputs["Base Color"])
+        return card.read()
+
+    def mixed(blend, share, *colours):
+        return card.node("MixRGB", share, *colours, blend_type=blend)
+
+    alone = base(paint.outputs["Color"])
+    (source,) = card.images.corners[alone.base_color_corners].sources
+    assert (source.name, source.output) == ("Paint", "Color")
+    assert (alone.base_color, alone.base_color_image) == ((1.0, 1.0, 1.0), None)
+    tinted = base(mixed("MULTIPLY", 1.0, paint.outputs["Color"], (0.5, 0.25, 1.0, 1.0)))
+    assert tinted.base_color == pytest.approx((0.5, 0.25, 1.0))
+    assert tinted.base_color_corners == alone.base_color_corners
+    both = base(mixed("MULTIPLY", 1.0, texture.outputs["Color"], paint.outputs["Color"]))
+    assert both.base_color_corners == alone.base_color_corners
+    expected = pixels_of(texture.image)
+    np.testing.assert_array_equal(card.texels(both.base_color_image)[..., :3], expected[..., :3])
+    grey = base(mixed("MULTIPLY", 0.75, texture.outputs["Color"], paint.outputs["Alpha"]))
+    np.testing.assert_array_equal(card.texels(grey.base_color_image)[..., :3], expected[..., :3])
+    assert grey.base_color_corners
+    assert not card.warnings
+    # No product: neither a picture nor a factor of corners.
+    assert not base(mixed("ADD", 1.0, texture.outputs["Color"], paint.outputs["Color"])).base_color_corners
+    assert card.warnings == [
+        "material 'Card': image 'Leaf' and attribute 'Paint' are not read for base colour, its viewport "
+        "colour is used"
+    ]
 
 
 @pytest.mark.parametrize(

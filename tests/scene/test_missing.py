@@ -208,3 +208,20 @@ def test_few_of_many_names_are_told():
     assert named([], "object") == ""
     assert named(["B", "A", "B"], "object") == "objects 'A', 'B'"
     assert named("EDCBA", "driver of", "drivers of") == "drivers of 'A', 'B', 'C' and 2 more"
+
+
+def test_what_colours_light_is_told_with_its_objects(scene):
+    material = bpy.data.materials.new("Pane")
+    tree = material.node_tree
+    clear = tree.nodes.new("ShaderNodeBsdfTransparent")
+    clear.inputs["Color"].default_value = (1.0, 0.2, 0.1, 1.0)
+    tree.links.new(clear.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    for name in ("Left", "Right"):
+        cube(name).data.materials.append(material)
+    outline, _ = read(scene)
+    assert outline.warnings == (
+        "material 'Pane' of objects 'Left', 'Right': node 'Transparent BSDF' colours what comes through, "
+        "shadows have its luminance in all channels",
+    )
+    clear.inputs["Color"].default_value = (0.2, 0.2, 0.2, 1.0)
+    assert not read(scene)[0].warnings

@@ -201,7 +201,6 @@ def test_visibility(scene):
     unseen.is_holdout, unseen.visible_camera, unseen.is_shadow_catcher = True, False, True
     outline, _ = read(scene)
     assert outline.warnings == (
-        "holdout objects 'Holdout', 'In held': layers show what is behind, where Cycles leaves a hole",
         "shadow catcher 'Catcher': layers take it for a surface like any other, and Cycles' passes of light, "
         "which layers are multiplied onto, have none of it",
     )
@@ -217,6 +216,34 @@ def test_visibility(scene):
         "No shadow": (True, False, False),
         "Unseen holdout": (False, True, True),
     }
+
+
+def test_what_no_ray_meets_is_not_there(scene):
+    """By its materials: to cameras, to shadow rays, or to both; one slot that is met is enough."""
+    for name in ("Clear", "Shadowless", "Unseen", "Half"):
+        shown, material = cube(name), bpy.data.materials.new(name)
+        shown.data.materials.append(material)
+        tree = material.node_tree
+        clear = tree.nodes.new("ShaderNodeBsdfTransparent")
+        output, path = tree.nodes["Material Output"], tree.nodes.new("ShaderNodeLightPath")
+        mix = tree.nodes.new("ShaderNodeMixShader")
+        tree.links.new(tree.nodes["Principled BSDF"].outputs[0], mix.inputs[1])
+        tree.links.new(clear.outputs[0], mix.inputs[2])
+        tree.links.new(mix.outputs[0], output.inputs["Surface"])
+        if name in ("Shadowless", "Unseen"):
+            ray = "Is Shadow Ray" if name == "Shadowless" else "Is Camera Ray"
+            tree.links.new(path.outputs[ray], mix.inputs[0])
+        else:
+            mix.inputs[0].default_value = 1.0 if name == "Clear" else 0.5
+    outline, _ = read(scene)
+    flags = {i.name: (i.visible_camera, i.casts_shadow) for i in outline.instances}
+    assert flags == {
+        "Clear": (False, False), "Shadowless": (True, False), "Unseen": (False, True), "Half": (True, True)
+    }  # fmt: skip
+    scene.objects["Clear"].data.materials.append(bpy.data.materials["Half"])
+    outline, _ = read(scene)
+    (met,) = [(i.visible_camera, i.casts_shadow) for i in outline.instances if i.name == "Clear"]
+    assert met == (True, True)
 
 
 def test_a_view_layer_overrides_materials_and_the_world(scene):

@@ -37,9 +37,22 @@ def card_scene(size: tuple[int, int] = (16, 16)) -> bpy.types.Object:
 
 def rendered(folder: Path) -> np.ndarray:
     """(H, W, 4) f32 as it is in the file, premultiplied; row 0 at the bottom."""
+    return _channels(folder, list("RGBA"))
+
+
+def diffuse_colour(folder: Path) -> np.ndarray:
+    """(H, W, 3) f32: Cycles' pass of what diffuse light comes back by."""
+    scene = bpy.context.scene
+    scene.render.image_settings.media_type = "MULTI_LAYER_IMAGE"
+    scene.view_layers[0].use_pass_diffuse_color = True
+    name = f"{scene.view_layers[0].name}.Diffuse Color"
+    return _channels(folder, [f"{name}.{channel}" for channel in "RGB"])
+
+
+def _channels(folder: Path, names: list[str]) -> np.ndarray:
     path = folder / "card.exr"
     bpy.context.scene.render.filepath = str(path)
     bpy.ops.render.render(write_still=True)
     with OpenEXR.File(str(path), separate_channels=True) as file:
-        channels = file.channels()
-        return np.stack([channels[name].pixels for name in "RGBA"], axis=-1)[::-1].astype(np.float32)
+        channels = {name: channel.pixels for part in file.parts for name, channel in part.channels.items()}
+        return np.stack([channels[name] for name in names], axis=-1)[::-1].astype(np.float32)

@@ -75,7 +75,7 @@ def matrix_of(linear: np.ndarray, moved) -> np.ndarray:
 
 def bumpy_sheet(rng, cells: int, **more) -> MeshArrays:
     """A unit square of quads and, in every fifth cell, a pentagon's worth of triangle and quad; wavy, with
-    smooth corner normals and uvs, and material slots 0 and 1 by turns of a row."""
+    smooth corner normals, uvs and colours, and material slots 0 and 1 by turns of a row."""
     x, y = np.meshgrid(np.linspace(-1, 1, cells + 1), np.linspace(-1, 1, cells + 1))
     z = 0.15 * np.sin(4 * x + 1) * np.cos(3 * y)
     positions = np.stack([x, y, z], -1).reshape(-1, 3).astype(np.float32)
@@ -101,6 +101,7 @@ def bumpy_sheet(rng, cells: int, **more) -> MeshArrays:
         starts,
         corner_normals=normal[corners].astype(np.float32),
         corner_uvs=uvs[corners].astype(np.float32),
+        corner_colours=(0.5 + 0.5 * normal[corners]).astype(np.float32),
         face_slots=slots,
         **more,
     )

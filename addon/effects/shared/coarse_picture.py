@@ -33,18 +33,23 @@ STRIP_PIXELS = 1 << 17
 triangles up again."""
 
 
-def seen_boxes(device, geometry, outline: Outline, shot: Shot, visible: frozenset[int]) -> np.ndarray:
+NONE: frozenset[int] = frozenset()
+
+
+def seen_boxes(
+    device, geometry, outline: Outline, shot: Shot, visible: frozenset[int], holdouts: frozenset[int] = NONE
+) -> np.ndarray:
     """`take_coarse_picture`, to its end."""
-    return finished(take_coarse_picture(device, geometry, outline, shot, visible))
+    return finished(take_coarse_picture(device, geometry, outline, shot, visible, holdouts))
 
 
 def take_coarse_picture(
-    device, geometry, outline: Outline, shot: Shot, visible: frozenset[int]
+    device, geometry, outline: Outline, shot: Shot, visible: frozenset[int], holdouts: frozenset[int] = NONE
 ) -> Generator[None, None, np.ndarray]:
     """(M, 2, 3) float64 boxes, world space, around the points of the instances `visible` that the camera
-    sees, a tile of the image each; and the boxes of instances that the picture shows nowhere, since they may
-    be too thin for it, unless they are larger than all that was hit: those are hidden. `device` is the CPU,
-    `geometry` its handle. Yields between strips of the picture."""
+    sees, but for `holdouts` among them, a tile of the image each; and the boxes of instances that the picture
+    shows nowhere, since they may be too thin for it, unless they are larger than all that was hit: those are
+    hidden. `device` is the CPU, `geometry` its handle. Yields between strips of the picture."""
     width, height = (-(-side // COARSER) for side in shot.computed_size)
     attributes = frozenset({"position", "depth", "instance"})
     rows = max(STRIP_PIXELS // width // TILE, 1) * TILE
@@ -53,7 +58,7 @@ def take_coarse_picture(
     for y0, draw in product(range(0, height, rows), range(draws)):
         chunk = Chunk(width, height, y0, min(y0 + rows, height), draw, (0.0, 0.0), draws)
         surface = SURFACE.cpu(
-            device, geometry, view=shot.view, visible=visible, chunk=chunk, attributes=attributes
+            device, geometry, shot.view, visible, chunk=chunk, attributes=attributes, holdouts=holdouts
         )
         boxes.append(_boxes(surface, shot, width))
         is_hit[surface["instance"].reshape(-1)] = True  # -1, where nothing is, is the last place
@@ -61,7 +66,7 @@ def take_coarse_picture(
     boxes = np.concatenate(boxes)
     if not len(boxes):
         return boxes
-    missed = sorted(visible - frozenset(np.flatnonzero(is_hit[:-1]).tolist()))
+    missed = sorted(visible - holdouts - frozenset(np.flatnonzero(is_hit[:-1]).tolist()))
     thin = boxes_of(outline)[missed]
     size = np.ptp(around(boxes), axis=0).max()
     return np.concatenate([boxes, thin[np.ptp(thin, axis=1).max(axis=1) <= size]])
@@ -70,7 +75,7 @@ def take_coarse_picture(
 def _boxes(surface: dict[str, np.ndarray], shot: Shot, width: int) -> np.ndarray:
     """(N, 2, 3) float64 around the points of each tile of a strip that has any, low and high corners in world
     space."""
-    hit = np.isfinite(surface["depth"])[..., None]
+    hit = (surface["instance"] >= 0)[..., None]
     low = _by_tile(np.minimum, np.where(hit, surface["position"], np.float32(np.inf)), np.inf)
     high = _by_tile(np.maximum, np.where(hit, surface["position"], np.float32(-np.inf)), -np.inf)
     shown = np.isfinite(low[:, 0])

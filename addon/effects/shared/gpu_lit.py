@@ -27,6 +27,12 @@ TEXTURE_COLOUR = Shader(
     images=(("colour", "RGBA32F", "WRITE"),),
     params=("size", "which"),
 )
+CORNER_COLOUR = Shader(
+    "effects/shared/corner_colour.glsl",
+    samplers=(("material", "UINT_2D"), ("by_corner", "FLOAT_2D"), ("corner_colour", "FLOAT_2D")),
+    images=(("colour", "RGBA32F", "READ_WRITE"),),
+    params=("size",),
+)
 IRRADIANCE = Shader(
     "effects/shared/irradiance.glsl",
     samplers=(("position", "FLOAT_2D"), ("shading_normal", "FLOAT_2D")),
@@ -103,7 +109,7 @@ def _weight_variant(factors: int, is_grey: bool) -> Shader:
 
 def variants() -> Iterator[Shader]:
     """Every program that these steps may compile."""
-    yield from (MATERIAL_COLOUR, TEXTURE_COLOUR, FIRST, FIRST_OF_PART, PRODUCT)
+    yield from (MATERIAL_COLOUR, TEXTURE_COLOUR, CORNER_COLOUR, FIRST, FIRST_OF_PART, PRODUCT)
     yield from (STACK, OVER_BY_DEPTH, OVER_BY_DEPTH.defining("PART"))
     for kind in EmitterKind:
         for single in (False, True):
@@ -118,7 +124,7 @@ def variants() -> Iterator[Shader]:
     yield _join_variant(Join.OVER, False, part=True)
 
 
-def material_colour(device, surface, colours, images, version):
+def material_colour(device, surface, colours, images, version, by_corner=()):
     """An image (h, w, 4), as the kernel of the same name."""
     found = surface["material"]
     shape = found.shape[:2]
@@ -137,6 +143,11 @@ def material_colour(device, surface, colours, images, version):
             samplers = {"material": found, "uv": surface["uv"], "texels": texels}
             params = {"size": size, "which": (material, texels.shape[1], texels.shape[0], share)}
             device.dispatch(TEXTURE_COLOUR, size, {"colour": result}, samplers, params)
+    if by_corner:
+        table = device.upload_table(np.isin(np.arange(len(rows)), by_corner)[:, None].astype(np.float32))
+        samplers = {"material": found, "by_corner": table, "corner_colour": surface["corner_colour"]}
+        device.dispatch(CORNER_COLOUR, size, {"colour": result}, samplers, {"size": size})
+        device.release(table)
     return result
 
 

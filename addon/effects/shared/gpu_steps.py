@@ -10,6 +10,7 @@ import numpy as np
 from ...core.shader import Shader
 from ...core.surface import ATTRIBUTES, Chunk
 from ...core.view import View
+from .membership import mask_table
 
 RULES = ("whole", "partial", "drawn")
 """What is kept of what is not wholly opaque (steps.py), as shaders know it."""
@@ -73,17 +74,18 @@ def raster_variant(shader: Shader, orthographic: bool, is_tested: bool, by_corne
     return _replaced(shader, samplers, varyings, defines)
 
 
-def surface_variant(attributes: tuple[str, ...], orthographic: bool) -> Shader:
+def surface_variant(attributes: tuple[str, ...], orthographic: bool, has_holes: bool = False) -> Shader:
     """The program that writes these attributes, at most IMAGES_AT_ONCE."""
     carried = {name: ATTRIBUTES[name] for name in attributes}
     tables = [(each.corners, "FLOAT_2D") for each in carried.values() if each.corners]
-    samplers = (*SURFACE.samplers, *tables)
+    samplers = (*SURFACE.samplers, *tables, *([("holdouts", "FLOAT_2D")] * has_holes))
     formats = {1: "R32F", 2: "RG32F", 3: "RGBA32F"}
     images = tuple(
         (f"{name}_out", formats[each.channels] if each.dtype == np.float32 else "R32UI", "WRITE")
         for name, each in carried.items()
     )
     defines = [name.upper() for name in attributes] + ["ORTHOGRAPHIC"] * orthographic
+    defines += ["HOLDOUTS"] * has_holes
     return _replaced(SURFACE, samplers, (), defines, images)
 
 
@@ -99,15 +101,25 @@ def variants() -> Iterator[Shader]:
             yield raster_variant(LAYERED_DEPTH, orthographic, *looks_up)
             yield raster_variant(VISIBILITY, orthographic, *looks_up)
         for first in range(0, len(ATTRIBUTES), IMAGES_AT_ONCE):
-            yield surface_variant(tuple(sorted(ATTRIBUTES))[first : first + IMAGES_AT_ONCE], orthographic)
+            names = tuple(sorted(ATTRIBUTES))[first : first + IMAGES_AT_ONCE]
+            yield from (surface_variant(names, orthographic, has_holes) for has_holes in (False, True))
 
 
 def geometry(device, scene):
     return device.geometry()
 
 
-def surface(device, geometry, view: View, visible: frozenset[int], chunk: Chunk, attributes, seed=0):
-    """A dict of images, as `raster_surface` gives arrays."""
+def surface(
+    device,
+    geometry,
+    view: View,
+    visible: frozenset[int],
+    chunk: Chunk,
+    attributes,
+    seed=0,
+    holdouts: frozenset[int] = frozenset(),
+):
+    """A dict of images, as the CPU's twin has arrays."""
     size, shape = (chunk.width, chunk.height), chunk.shape
     _check_view(view, size)
     nearest = device.new_image((*shape, 2), np.uint32)
@@ -124,10 +136,10 @@ def surface(device, geometry, view: View, visible: frozenset[int], chunk: Chunk,
         device, VISIBILITY, geometry, drawn, view, high, nearest, depth, matrices,
         {}, {"depth": (low, depth_scale), "rule": rule}, seed,
     )  # fmt: skip
-    return _attributes(device, geometry, drawn, view, chunk, sorted(attributes), nearest)
+    return _attributes(device, geometry, drawn, view, chunk, sorted(attributes), nearest, holdouts)
 
 
-def _attributes(device, geometry, drawn, view: View, chunk: Chunk, names: list[str], nearest):
+def _attributes(device, geometry, drawn, view: View, chunk: Chunk, names: list[str], nearest, holdouts):
     size, (rows, columns) = (chunk.width, chunk.height), chunk.shape
     left, right, bottom, top = view.window
     step = (right - left) / size[0], (top - bottom) / size[1]
@@ -149,7 +161,9 @@ def _attributes(device, geometry, drawn, view: View, chunk: Chunk, names: list[s
         "positions": geometry.positions,
         "matrices": geometry.eye_matrices(view),
     }
-    images = {}
+    images, holes = {}, mask_table(device, holdouts) if holdouts else None
+    if holdouts:
+        samplers["holdouts"] = holes
     for start in range(0, len(names), IMAGES_AT_ONCE):
         group = tuple(names[start : start + IMAGES_AT_ONCE])
         for name in group:
@@ -159,8 +173,9 @@ def _attributes(device, geometry, drawn, view: View, chunk: Chunk, names: list[s
             if each.corners:
                 samplers[each.corners] = getattr(geometry, each.corners)
         outputs = {f"{name}_out": images[name] for name in group}
-        shader = surface_variant(group, view.orthographic)
+        shader = surface_variant(group, view.orthographic, bool(holdouts))
         device.dispatch(shader, (columns, rows), outputs, samplers, params)
+    device.release(holes)
     return images
 
 

@@ -31,24 +31,32 @@ def unshadowed(rays: RayCaster, emitter: Emitter, points: SurfacePoints) -> np.n
     return rays.kernels.irradiance(position, normal, points.eye, emitter.packed())[0]
 
 
-def diffuse_albedo(rays: RayCaster, outline: Outline, surface: dict[str, np.ndarray]) -> np.ndarray:
-    """(N, 3) of points (N,) that all lie on surfaces: metals have none."""
-    materials = outline.materials
-    albedo = _of_materials(rays, surface, [(each.base_color, each.base_color_image) for each in materials])
-    return albedo * (1.0 - np.array([each.metallic for each in materials]))[surface["material"], None]
-
-
-def _of_materials(rays: RayCaster, surface: dict[str, np.ndarray], colours) -> np.ndarray:
-    """(N, 3) at points (N,): by material a constant, and the picture in its place if there is one."""
+def colours_of(rays: RayCaster, colours: lit.Colours, surface: dict[str, np.ndarray]) -> np.ndarray:
+    """(N, 3) of points (N,) that all lie on surfaces."""
     found = surface["material"]
-    result = np.array([constant for constant, _ in colours], np.float64).reshape(-1, 3)[found]
-    for index, (_, image) in enumerate(colours):
+    result = np.array([colour for colour, _, _ in colours], np.float64).reshape(-1, 3)[found]
+    for index, (_, image, corners) in enumerate(colours):
         there = found == index
         if image is not None and there.any():
             texels = rays.texture(image)
             if texels is not None:
                 result[there] = lit.bilinear(texels, surface["uv"][there])
+        if corners and "corner_colour" in surface:
+            result[there] *= surface["corner_colour"][there]
     return result
+
+
+def diffuse_albedo(rays: RayCaster, outline: Outline, surface: dict[str, np.ndarray]) -> np.ndarray:
+    """(N, 3) of points (N,) that all lie on surfaces: metals have none."""
+    colours = [(each.base_color, *each.diffuse) for each in outline.materials]
+    dielectric = 1.0 - np.array([each.metallic for each in outline.materials])
+    return colours_of(rays, colours, surface) * dielectric[surface["material"], None]
+
+
+def emission(rays: RayCaster, outline: Outline, surface: dict[str, np.ndarray]) -> np.ndarray:
+    """(N, 3) of points (N,) that all lie on surfaces."""
+    materials = outline.materials
+    return colours_of(rays, [(m.emission, m.emission_image, m.emission_corners) for m in materials], surface)
 
 
 def of_lamp(rays: RayCaster, outline: Outline, light: Light, view_rays: ViewRays) -> np.ndarray:
@@ -56,7 +64,7 @@ def of_lamp(rays: RayCaster, outline: Outline, light: Light, view_rays: ViewRays
     in its way; 0 off surfaces, and where the lamp lights nothing. Not negative, also of a negative light."""
     result = np.zeros((len(view_rays), 3))
     surface = view_rays.surface
-    hit = np.isfinite(view_rays.distances)
+    hit = view_rays.hits
     if light.receivers is not None:
         hit &= np.isin(surface["instance"], sorted(light.receivers))
     hit = np.flatnonzero(hit)
@@ -90,9 +98,11 @@ def behind(
     """(N, 3) radiance of the surfaces in sight, with their shadows by a ray from each lamp; not a number
     where there is none, since what shines there is not known. Metals are as bright as the composite has
     them."""
-    plain = tuple(replace(each, metallic=0.0) for each in outline.materials)
+    plain = tuple(
+        replace(each, metallic=0.0, diffuse_image=None, diffuse_corners="") for each in outline.materials
+    )
     outline = replace(outline, materials=plain)
-    hit = np.isfinite(view_rays.distances)
+    hit = view_rays.hits
     picture = np.where(hit, 0.0, np.nan)[:, None] * np.ones(3)
     for index, light in enumerate(outline.lights):
         arriving = of_lamp(rays, outline, light, view_rays)
@@ -101,14 +111,9 @@ def behind(
                 own = int(hash_bits(seed, index, PRODUCT.index(role)))
                 arriving *= _product(rays, outline, Of.lamp(index), role, layers, view_rays, own)
             picture += arriving
-    picture[hit] += emitted(rays, outline, {name: array[hit] for name, array in view_rays.surface.items()})
+    surface = {name: values[hit] for name, values in view_rays.surface.items()}
+    picture[hit] += emission(rays, outline, surface)
     return picture
-
-
-def emitted(rays: RayCaster, outline: Outline, surface: dict[str, np.ndarray]) -> np.ndarray:
-    """(N, 3) radiance that points (N,) on surfaces send themselves."""
-    colours = [(each.emission, each.emission_image) for each in outline.materials]
-    return _of_materials(rays, surface, colours)
 
 
 def _product(rays, outline, of: Of, role: Role, layers, view_rays: ViewRays, seed: int) -> np.ndarray:

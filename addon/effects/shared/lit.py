@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from ...core.culling import unlit_reason
 from ...core.effect import LayerKind
 from ...core.graph import Node, Step, Sum
-from ...core.outline import Light, Outline, emitter_measure
+from ...core.outline import Colour, Light, Outline, emitter_measure
 from ...core.recorder import Recorder
 from ...core.roles import Of, Subject
 from . import gpu_lit, steps
@@ -21,14 +21,18 @@ _TERMS = (Join.LIGHT.value, Join.ADD.value)
 _VEILS = (Join.OVER.value, Join.OVER_BY_DEPTH.value)
 
 
-def _material_colour(device, surface, colours, images, version):
+def _material_colour(device, surface, colours, images, version, by_corner=()):
     """(h, w, 4) float32: the colour of each point's material, alpha 1; all 0 where there is no surface."""
     textures = [(material, device.texture(image), share) for material, image, share in images]
+    corners = ()
+    if by_corner:
+        corners = surface["corner_colour"], np.isin(np.arange(len(colours)), by_corner).astype(np.uint8)
     return device.kernels.material_colour(
         surface["material"],
         surface["uv"] if images else None,
         np.array(colours, np.float32).reshape(-1, 3),
         [each for each in textures if each[1] is not None],
+        *corners,
     )
 
 
@@ -127,15 +131,21 @@ def shines(light: Light, visible: frozenset[int], region: np.ndarray) -> bool:
     return not light.is_dark and unlit_reason(light, visible, region) is None
 
 
+Colours = Sequence[tuple[Colour, int | None, str]]
+"""By material a constant, or the image in its place, and what corners of faces carry to be multiplied."""
+
+
 def base_colour(recorder: Recorder, outline: Outline, surface: Node) -> Node:
     """The surface's colour, as the composite has it."""
-    return _colour(recorder, outline, surface, "base colour", [1.0] * len(outline.materials))
+    colours = [(m.base_color, m.base_color_image, m.base_color_corners) for m in outline.materials]
+    return _colour(recorder, outline, surface, "base colour", "base_color", colours)
 
 
 def diffuse_albedo(recorder: Recorder, outline: Outline, surface: Node) -> Node:
     """What of light the surface sends back in all directions: a metal nothing."""
+    colours = [(m.base_color, *m.diffuse) for m in outline.materials]
     shares = [1.0 - min(max(material.metallic, 0.0), 1.0) for material in outline.materials]
-    return _colour(recorder, outline, surface, "diffuse albedo", shares)
+    return _colour(recorder, outline, surface, "diffuse albedo", "diffuse", colours, shares)
 
 
 def white(recorder: Recorder, outline: Outline, surface: Node) -> Node:
@@ -145,53 +155,45 @@ def white(recorder: Recorder, outline: Outline, surface: Node) -> Node:
     return recorder.step(MATERIAL_COLOUR, surface, instance="white", colours=colours, images=(), version=0)
 
 
-def _colour(recorder: Recorder, outline: Outline, surface: Node, name: str, shares: list[float]) -> Node:
-    """Each material's base colour times its share."""
+def _colour(
+    recorder: Recorder,
+    outline: Outline,
+    surface: Node,
+    name: str,
+    want: str,
+    colours: Colours,
+    shares: Sequence[float] | None = None,
+) -> Node:
+    """Each material's colour times its share; `want`: the textures, for the extraction."""
+    shares = shares or [1.0] * len(colours)
+    parts = list(enumerate(zip(colours, shares, strict=True)))
     images = tuple(
-        (index, material.base_color_image, share)
-        for index, (material, share) in enumerate(zip(outline.materials, shares, strict=True))
-        if material.base_color_image is not None and share > 0.0
+        (index, image, share) for index, ((_, image, _), share) in parts if image is not None and share > 0.0
     )
+    by_corner = tuple(index for index, ((_, _, corners), share) in parts if corners and share > 0.0)
     if images:
-        recorder.wants("uv", "base_color")
-    recorder.surface(surface, "material", *(("uv",) if images else ()))
-    colours = tuple(
-        tuple(share * channel for channel in material.base_color)
-        for material, share in zip(outline.materials, shares, strict=True)
-    )
+        recorder.wants("uv", want)
+    attributes = ["material", *(("uv",) if images else ()), *(("corner_colour",) if by_corner else ())]
+    recorder.surface(surface, *attributes)
     return recorder.step(
         MATERIAL_COLOUR,
         surface,
         instance=name,
-        colours=colours,
+        colours=tuple(tuple(share * channel for channel in colour) for _, ((colour, *_), share) in parts),
         images=images,
         # Textures are told apart by index only, which is all there is while a scene stands still.
         version=outline.version if images else 0,
+        **({"by_corner": by_corner} if by_corner else {}),
     )
 
 
 def emission(recorder: Recorder, outline: Outline, surface: Node, visible: frozenset[int]) -> Node | None:
     """What the surface emits itself; None where no material of the instances `visible` does."""
     used = outline.instances.materials_of(visible)
-    colours = tuple(material.emission for material in outline.materials)
-    if not any(any(colours[material]) for material in used):
+    if not any(outline.materials[material].glows for material in used):
         return None
-    images = tuple(
-        (index, material.emission_image, 1.0)
-        for index, material in enumerate(outline.materials)
-        if material.emission_image is not None
-    )
-    if images:
-        recorder.wants("uv", "emission")
-    recorder.surface(surface, "material", *(("uv",) if images else ()))
-    return recorder.step(
-        MATERIAL_COLOUR,
-        surface,
-        instance="emission",
-        colours=colours,
-        images=images,
-        version=outline.version if images else 0,
-    )
+    colours = [(m.emission, m.emission_image, m.emission_corners) for m in outline.materials]
+    return _colour(recorder, outline, surface, "emission", "emission", colours)
 
 
 def irradiance(recorder: Recorder, surface: Node, light: Light) -> Node:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.culling import drawn_from, receivers_in_view
+from ...core.culling import drawn_from, holdouts_in_view, receivers_in_view
 from ...core.graph import Node, Rate, Step
 from ...core.outline import Outline
 from ...core.random import hash_bits, text_bits
 from ...core.recorder import Recorder
 from ...core.shot import Shot
-from ...core.surface import Chunk
+from ...core.surface import Chunk, with_holes
 from ...core.view import View
 from . import gpu_steps
 
@@ -23,8 +23,8 @@ def _geometry(device, scene):
     return device.geometry()
 
 
-def _surface(device, geometry, view, visible, chunk, attributes, seed=0):
-    return device.kernels.raster_surface(
+def _surface(device, geometry, view, visible, chunk, attributes, seed=0, holdouts=frozenset()):
+    surface = device.kernels.raster_surface(
         geometry,
         device.instance_mask(visible),
         view.packed(),
@@ -33,10 +33,11 @@ def _surface(device, geometry, view, visible, chunk, attributes, seed=0):
         rows=(chunk.y0, chunk.y1),
         columns=(chunk.x0, chunk.x1),
         jitter=chunk.jitter,
-        attributes=sorted(attributes),
+        attributes=sorted({*attributes, "instance"} if holdouts else attributes),
         draw=(seed, chunk.sample),
         cancel=device.cancel_flag,
     )
+    return with_holes(surface, holdouts, attributes)
 
 
 def _laid_out(device, geometry, instances):
@@ -190,12 +191,13 @@ def surface(recorder: Recorder, outline: Outline, *attributes: str) -> Node:
     """The shot's own shading points, on all instances that it may show: the same node for every effect. One
     that looks at others tells the recorder of them by Recorder.surface."""
     seen, _ = receivers_in_view(outline, recorder.shot)
-    visible = outline.instances.subset(seen)
+    holdouts = holdouts_in_view(outline, recorder.shot)
+    visible = outline.instances.subset(seen) | holdouts if holdouts else outline.instances.subset(seen)
     recorder.reads_instances(visible)
     shot, scene = recorder.shot, geometry(recorder, outline)
     if shot.has_eye:
-        seed = _draws_of(shot, outline, "surface")
-        node = recorder.step(SURFACE, scene, instance="camera", view=shot.view, visible=visible, seed=seed)
+        own = {"seed": _draws_of(shot, outline, "surface")} | ({"holdouts": holdouts} if holdouts else {})
+        node = recorder.step(SURFACE, scene, instance="camera", view=shot.view, visible=visible, **own)
     else:
         recorder.wants("uv")
         laid_out = recorder.step(LAID_OUT, scene, instance=shot.name, instances=visible)

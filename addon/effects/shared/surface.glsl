@@ -135,6 +135,7 @@ void main()
   uvec2 ids = texelFetch(nearest, pixel, 0).xy;
   vec3 place = vec3(0.0), facing = vec3(0.0), shaded = vec3(0.0);
   vec2 at = vec2(0.0);
+  vec3 carried = vec3(0.0);
   float along = INFINITE;
   int object = -1, which = -1, of_mesh = -1, made_of = -1;
   if (ids.x != NOTHING) {
@@ -166,10 +167,23 @@ void main()
       at += texelFetch(corner_uvs, table_texel(3u * hit.row + i), 0).xy * weights[i];
     }
 #endif
+#ifdef CORNER_COLOUR
+    for (uint i = 0u; i < 3u; i++) {
+      carried += texelFetch(corner_colours, table_texel(3u * hit.row + i), 0).xyz * weights[i];
+    }
+#endif
     object = int(joined(vec2(matrix_row(instance, 4u).w, matrix_row(instance, 5u).w)));
     which = int(instance);
     of_mesh = int(texelFetch(triangles, table_texel(ids.y), 0).w);
     made_of = int(start.w);
+#ifdef HOLDOUTS
+    // A hole: but for depth as where there is nothing.
+    if (texelFetch(holdouts, table_texel(instance), 0).r > 0.0) {
+      place = facing = shaded = carried = vec3(0.0);
+      at = vec2(0.0);
+      object = which = of_mesh = made_of = -1;
+    }
+#endif
   }
 #ifdef POSITION
   imageStore(position_out, pixel, vec4(place, 0.0));
@@ -185,6 +199,9 @@ void main()
 #endif
 #ifdef UV
   imageStore(uv_out, pixel, vec4(at, 0.0, 0.0));
+#endif
+#ifdef CORNER_COLOUR
+  imageStore(corner_colour_out, pixel, vec4(carried, 0.0));
 #endif
 #ifdef OBJECT_ID
   imageStore(object_id_out, pixel, uvec4(uint(object)));

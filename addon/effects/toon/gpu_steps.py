@@ -91,6 +91,12 @@ SPARE = Shader(
     images=(("result", "R32F", "WRITE"),),
     params=("size",),
 )
+GLOW = Shader(
+    f"{FOLDER}/glow.glsl",
+    samplers=(("shaded", "FLOAT_2D"), ("emission", "FLOAT_2D")),
+    images=(("result", "RGBA32F", "WRITE"),),
+    params=("size",),
+)
 OUTLINE = Shader(
     f"{FOLDER}/outline.glsl",
     samplers=(
@@ -158,7 +164,7 @@ def _lines_variant(objects: bool, materials: bool, creases: bool) -> Shader:
 def variants() -> Iterator[Shader]:
     """Every program that these steps may compile."""
     either = (False, True)
-    yield from (RAMP_POSITION, SPARE)
+    yield from (RAMP_POSITION, SPARE, GLOW)
     for brightness, first, shadowed, linked in product(either, repeat=4):
         if not (brightness and linked):
             yield _facing_variant(first, brightness, shadowed, linked)
@@ -309,6 +315,14 @@ def spare(device, dots, shaded):
     size = dots.shape[1::-1]
     result = device.new_image(dots.shape[:2])
     device.dispatch(SPARE, size, {"result": result}, {"dots": dots, "shaded": shaded}, {"size": size})
+    return result
+
+
+def glow(device, shaded, emission, strength):
+    """An image (h, w, 4), as the CPU's twin."""
+    size = shaded.shape[1::-1]
+    result, samplers = device.new_image(shaded.shape), {"shaded": shaded, "emission": emission}
+    device.dispatch(GLOW, size, {"result": result}, samplers, {"size": (*size, strength)})
     return result
 
 

@@ -108,7 +108,7 @@ def anchors(params: ToonParams, outline: Outline, raster: Raster) -> np.ndarray:
         table[:, 0] = start[0] + (x / depth - left) / (right - left) * width
         table[:, 1] = start[1] + (y / depth - bottom) / (top - bottom) * height
     elif len(table) and params.halftone_anchor == Anchor.SURFACE:
-        matrices = np.array([instance.matrix for instance in outline.instances], np.float64)
+        matrices = outline.instances.matrices
         linear, moved = matrices[:, :3, :3], matrices[:, :3, 3]
         scale = np.cbrt(np.abs(np.linalg.det(linear)))
         inverse = np.linalg.inv(linear) * scale[:, None, None]

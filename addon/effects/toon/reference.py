@@ -29,7 +29,7 @@ SHADOW_RAYS = 64  # of each of two estimates at a point
 def toon(rays: RayCaster, outline: Outline, layer: PlannedLayer, seen: ViewRays, seed: int) -> np.ndarray:
     """(1, N, 4) linear RGBA."""
     params = layer.params
-    surface, found = seen.surface, np.isfinite(seen.distances)
+    surface, found = seen.surface, seen.hits
     light = _light(rays, outline, params, seen, seed)
     result = np.zeros((len(seen), 4))
     for material in np.unique(surface["material"][found]):
@@ -42,6 +42,8 @@ def toon(rays: RayCaster, outline: Outline, layer: PlannedLayer, seen: ViewRays,
             texels = rays.texture(made.base_color_image) if made.base_color_image is not None else None
             if texels is not None:
                 base = lit.bilinear(texels, surface["uv"][chosen]).astype(np.float64)
+            if made.base_color_corners:
+                base = base * surface["corner_colour"][chosen]
             result[chosen, :3] = _mixed(
                 table_of(ramp).evaluate(light[chosen].clip(0.0, 1.0)), base, params.mix
             )
@@ -50,9 +52,9 @@ def toon(rays: RayCaster, outline: Outline, layer: PlannedLayer, seen: ViewRays,
         cosine = np.abs(np.einsum("ni,ni->n", seen.directions, _normals(params, surface)))
         band = (result[:, 3] > 0.0) & (cosine < params.rim_width)
         result[band, :3] += (np.array(params.rim_color) - result[band, :3]) * params.rim
-    emission = np.array([material.emission for material in outline.materials]).reshape(-1, 3)
     shaded = result[:, 3] > 0.0
-    result[shaded, :3] += params.emission * emission[surface["material"][shaded]]
+    points = {name: values[shaded] for name, values in surface.items()}
+    result[shaded, :3] += params.emission * light_truth.emission(rays, outline, points)
     return result[None]
 
 
@@ -95,7 +97,7 @@ def _normals(params: ToonParams, surface) -> np.ndarray:
 def _light(rays: RayCaster, outline: Outline, params: ToonParams, seen: ViewRays, seed: int) -> np.ndarray:
     """(N,) float64: how far along the ramp each point is; 0 where there is none."""
     surface = seen.surface
-    found = np.flatnonzero(np.isfinite(seen.distances))
+    found = np.flatnonzero(seen.hits)
     light, full = np.zeros(len(seen)), np.zeros(len(seen))
     normals = _normals(params, surface)[found]
     world = seen.origins[found] + seen.distances[found, None] * seen.directions[found]
@@ -183,7 +185,7 @@ def _sees_middle(rays, emitter, casters: np.ndarray, points: SurfacePoints) -> n
 def halftone(rays: RayCaster, outline: Outline, layer: PlannedLayer, seen: ViewRays, seed: int) -> np.ndarray:
     """(1, N, 1): 1 on paper."""
     params, surface = layer.params, seen.surface
-    found = np.isfinite(seen.distances)
+    found = seen.hits
     inked = np.ones(len(outline.instances) + 1, bool)
     inked[[*excluded_instances(outline), -1]] = False
     left_out = [settings_of(material).excluded for material in outline.materials]
@@ -215,7 +217,7 @@ def _places(outline: Outline, params: ToonParams, seen: ViewRays) -> tuple[np.nd
     if params.halftone_anchor == Anchor.OBJECT:
         return at - _origins(outline, raster, start)[instance], frame_cell
     if params.halftone_anchor == Anchor.SURFACE:
-        found = np.flatnonzero(np.isfinite(seen.distances))
+        found = np.flatnonzero(seen.hits)
         places = np.zeros((len(seen), 2))
         world = seen.origins[found] + seen.distances[found, None] * seen.directions[found]
         for index in np.unique(instance[found]):

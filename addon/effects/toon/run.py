@@ -177,11 +177,14 @@ def _shade(recorder, outline, params, surface, light, normal, visible) -> Node:
     recorder.surface(surface, "material", *(["instance"] if ramps.instances is not None else []))
     if has_rim:
         recorder.surface(surface, "position")
-    table = [(*material.base_color, *material.emission) for material in outline.materials]
     used = outline.instances.materials_of(visible)
-    textured = any(outline.materials[m].base_color_image is not None for m in used)
-    base = [lit.base_colour(recorder, outline, surface)] if textured else []
-    return recorder.step(
+    glows = params.emission > 0.0 and any(outline.materials[m].emission_varies for m in used)
+    # What is not the same all over a material is added after.
+    black = (0.0, 0.0, 0.0)
+    table = [(*m.base_color, *(black if glows else m.emission)) for m in outline.materials]
+    varies = any(outline.materials[m].base_color_varies for m in used)
+    base = [lit.base_colour(recorder, outline, surface)] if varies else []
+    shaded = recorder.step(
         steps.SHADE,
         surface,
         light,
@@ -194,6 +197,10 @@ def _shade(recorder, outline, params, surface, light, normal, visible) -> Node:
         forward=recorder.shot.view.forward if has_rim and recorder.shot.view.orthographic else None,
         **ramps.as_params(),
     )
+    if not glows:
+        return shaded
+    emission = lit.emission(recorder, outline, surface, visible)
+    return recorder.step(steps.GLOW, shaded, emission, strength=params.emission)
 
 
 def _no_dots(params: ToonParams) -> str | None:

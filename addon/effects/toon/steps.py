@@ -97,6 +97,12 @@ def _shade(
     )
 
 
+def _glow(device, shaded, emission, strength):
+    result, there = shaded.copy(), shaded[..., 3] > 0.0
+    result[there, :3] += np.float32(strength) * emission[there, :3]
+    return result
+
+
 def _halftone(device, surface, light, anchors, inked, chunk, **pattern):
     on_surface = pattern["anchor"] == "surface"
     return device.kernels.toon_halftone(
@@ -206,6 +212,8 @@ BRIGHTNESS = Step("toon/brightness", cpu=_brightness, gpu=gpu_steps.brightness)
 UNLIT = Step("toon/unlit", cpu=_unlit, gpu=gpu_steps.unlit)
 # The ramp's colour over the material's, then rim and emission.
 SHADE = Step("toon/shade", cpu=_shade, gpu=gpu_steps.shade)
+# What is emitted, where that is not the same all over a material.
+GLOW = Step("toon/glow", cpu=_glow, gpu=gpu_steps.glow)
 # Paper between the dots.
 HALFTONE = Step("toon/halftone", cpu=_halftone, gpu=gpu_steps.halftone, rate=Rate.SAMPLE)
 # No dots on what is excluded.

@@ -14,7 +14,7 @@ from ...core.errors import StrataError, one_line
 from ...core.graph import Graph
 from ...core.outline import Outline
 from ...core.shot import Raster
-from ..materials import BASE_COLOUR, EMISSION, OPACITY, Images, ReadMaterial, read_material
+from ..materials import BASE_COLOUR, EMISSION, METALLIC, OPACITY, Images, ReadMaterial, read_material
 from ..mesh_arrays import mesh_arrays
 from ..pixels import LARGEST
 from .layout import layout_of
@@ -24,7 +24,11 @@ from .size import area_of, size_for, sizes_for
 from .store import STORE, Store
 from .workshop import SAMPLES, Work, Workshop
 
-_WANTS = {OPACITY: "opacity", BASE_COLOUR: "base_color", EMISSION: "emission"}  # what a graph calls them
+# What a graph calls them. Diffuse light comes back by base colour, where metallic is the same all over.
+_WANTS = {
+    OPACITY: {"opacity"}, BASE_COLOUR: {"base_color", "diffuse"}, METALLIC: {"diffuse"},
+    EMISSION: {"emission"},
+}  # fmt: skip
 
 SECONDS_EACH, SAMPLES_PER_SECOND = 0.1, 1.6e6
 """What Cycles takes for each output of a node on each mesh, before and while it bakes, on two cores."""
@@ -271,7 +275,7 @@ class ExactScan:
         found = []
         for index, part in self.parts.items():
             keys = (
-                part.read.baked.get(use, frozenset()) for use, want in _WANTS.items() if want in graph.wants
+                part.read.baked.get(use, frozenset()) for use, wants in _WANTS.items() if wants & graph.wants
             )
             keys = frozenset().union(*keys)
             leaves = tuple(leaf for leaf in part.leaves if leaf.key in keys)

@@ -43,7 +43,6 @@ class Closure:
     base: Value = _BLACK
     emission: Value = _BLACK
     metallic: Value = _NOTHING
-    roughness: Value = number(0.5)
     holdout: Value = _NOTHING
 
     @property
@@ -83,29 +82,20 @@ def _is_bsdf(node: bpy.types.Node) -> bool:
 
 @shader_of(
     "ShaderNodeBsdfPrincipled",
-    how="Base Color, Metallic, Roughness, Alpha, Emission",
-    instead="its other lobes are not read; Metallic, Roughness and Emission are only where they are constant",
+    how="Base Color, Metallic, Alpha, Emission",
+    instead="its other lobes are not read",
 )
 def _principled(at: At) -> Closure:
-    strength = _emitted(at, "Emission Strength")
-    colour = _emitted(at, "Emission Color") if not strength.equals(0.0) else _BLACK
-    metallic = at.input("Metallic")
-    if not metallic.is_constant:
-        at.constant("Metallic", "metallic", "0 is used")
-        metallic = _NOTHING
+    strength = at.known("Emission Strength", "emission")
+    colour = at.known("Emission Color", "emission") if not strength.equals(0.0) else _BLACK
+    metallic = saturated(at.input("Metallic"))
     _note_lobes(at)
     return Closure(
         saturated(at.input("Alpha")),
         at.input("Base Color"),
         product(colour, strength),
         metallic,
-        at.constant("Roughness", "roughness"),
     )
-
-
-def _emitted(at: At, identifier: str) -> Value:
-    """Where things are baked, whatever it is."""
-    return at.constant(identifier, "emission") if at.graph.leaves is None else at.input(identifier)
 
 
 # Lobes that change what a diffuse layer multiplies onto; at these defaults a Principled BSDF is without them.
@@ -124,15 +114,15 @@ def _note_lobes(at: At) -> None:
 @shader_of(
     "ShaderNodeBsdfDiffuse",
     "ShaderNodeSubsurfaceScattering",
-    how="its colour, as a diffuse one of roughness 1",
+    how="its colour, as a diffuse one",
 )
 def _diffuse(at: At) -> Closure:
-    return Closure(base=at.input("Color"), roughness=_ONE)
+    return Closure(base=at.input("Color"))
 
 
 @shader_of(
     OTHER_BSDF,
-    how="its colour, as a diffuse one of roughness 1; opaque",
+    how="its colour, as a diffuse one; opaque",
     instead="that its light comes back another way, or on the other side, is not read",
 )
 def _nearly_diffuse(at: At) -> Closure:
@@ -141,10 +131,10 @@ def _nearly_diffuse(at: At) -> Closure:
 
 
 @shader_of("ShaderNodeBsdfAnisotropic", "ShaderNodeBsdfMetallic",
-           how="its colour, as a metal's, and its roughness")  # fmt: skip
+           how="its colour, as a metal's")  # fmt: skip
 def _glossy(at: At) -> Closure:
     name = "Color" if at.node.bl_idname == "ShaderNodeBsdfAnisotropic" else "Base Color"
-    return Closure(base=at.input(name), metallic=_ONE, roughness=at.constant("Roughness", "roughness"))
+    return Closure(base=at.input(name), metallic=_ONE)
 
 
 @shader_of("ShaderNodeBsdfGlass", "ShaderNodeBsdfRefraction",
@@ -152,25 +142,25 @@ def _glossy(at: At) -> Closure:
            instead="what is behind it is not seen through it")  # fmt: skip
 def _glass(at: At) -> Closure:
     at.graph.tell(f"node '{at.node.name}' counts as opaque: nothing is seen through it")
-    return Closure(base=at.input("Color"), metallic=_ONE, roughness=at.constant("Roughness", "roughness"))
+    return Closure(base=at.input("Color"), metallic=_ONE)
 
 
 @shader_of("ShaderNodeBsdfTransparent", how="how much it lets through: the luminance of its colour",
-           instead="the tint of what comes through it is not read")  # fmt: skip
+           instead="the tint of what comes through is not read: errors tell what may hang on it")  # fmt: skip
 def _transparent(at: At) -> Closure:
     colour = at.input("Color")
+    is_grey = colour.name == "spread"
     if colour.is_constant:
-        if np.ptp(colour.constant) > 1e-4 * max(float(np.max(np.abs(colour.constant))), 1e-9):
-            at.graph.tell(f"node '{at.node.name}' lets a colour through: its luminance is used")
-    elif colour.name != "spread":
-        at.graph.tell(f"node '{at.node.name}': the luminance of what it lets through is used")
+        is_grey = np.ptp(colour.constant) <= 1e-4 * max(float(np.max(np.abs(colour.constant))), 1e-9)
+    if not is_grey:
+        at.graph.tints[at.node.name] = None
     return Closure(saturated(complement(converted(colour, FLOAT))))
 
 
-@shader_of("ShaderNodeEmission", how="constant colour times constant strength",
-           instead="else the socket's own colour and strength are used")  # fmt: skip
+@shader_of("ShaderNodeEmission", how="its colour times its strength",
+           instead="for one that is not read the socket's own stands")  # fmt: skip
 def _emission(at: At) -> Closure:
-    return Closure(emission=product(_emitted(at, "Color"), _emitted(at, "Strength")))
+    return Closure(emission=product(at.known("Color", "emission"), at.known("Strength", "emission")))
 
 
 @shader_of("ShaderNodeHoldout", how="a hole for cameras, where all of the material is one",
@@ -233,7 +223,6 @@ def _together(first: Closure, second: Closure, opacity: Value, a: Value, b: Valu
         mean(*bases),
         mean(first.emission, second.emission),
         metallic,
-        first.roughness if first.roughness.key == second.roughness.key else number(0.5),
         mean(first.holdout, second.holdout),
     )
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import bpy
 
 from .registry import VALUES
-from .values import COLOUR, FLOAT, VECTOR, Value, constant, converted, number, unread
+from .values import COLOUR, FLOAT, VECTOR, Attribute, Value, constant, converted, number, unread
 
 DEEPEST = 100
 """Nodes in a chain: each takes some levels of Python's stack, when it is read and when it is evaluated."""
@@ -41,14 +40,16 @@ class Leaves(Protocol):
 @dataclass(eq=False)
 class Graph:
     """Reads the nodes of one material, light or volume in one situation, each once. `asked` names what the
-    answers hang on: 'ray', 'side'. `warnings` keep their order. `leaves` are asked for what is not folded.
-    `varying` are the uses that only a constant is read for, and that have none."""
+    answers hang on: 'ray', 'side'. `warnings` keep their order; `tints` are nodes that colour what they let
+    through. `leaves` are asked for what is not folded. `lacking` are the uses for which a socket's own number
+    stands in."""
 
     situation: Situation = Situation()
     asked: set[str] = field(default_factory=set)
     warnings: dict[str, None] = field(default_factory=dict)
+    tints: dict[str, None] = field(default_factory=dict)
     leaves: Leaves | None = None
-    varying: dict[str, None] = field(default_factory=dict)
+    lacking: dict[str, None] = field(default_factory=dict)
     _known: dict[tuple, Value] = field(default_factory=dict)
     _depth: int = 0
 
@@ -137,13 +138,13 @@ class At:
     def unread(self, kind: str, why: str = "") -> Value:
         return unread(kind, f"node '{self.node.name}'" + (f" ({why})" if why else ""))
 
-    def constant(self, identifier: str, use: str, instead: Callable[[Value], str] | str = "") -> Value:
-        """An input that only a constant is read of; the socket's own number, and a warning, for all else."""
+    def known(self, identifier: str, use: str) -> Value:
+        """An input; the socket's own number, and a warning, where it is not read and nothing is baked."""
         value = self.input(identifier)
-        if value.is_constant:
+        if not value.unread or self.graph.leaves is not None:
             return value
-        self.graph.varying[use] = None
-        self.graph.tell(f"{origins(value)} not read for {use}" + (f", {instead}" if instead else ""))
+        self.graph.lacking[use] = None
+        self.graph.tell(f"{origins(value)} not read for {use}")
         return unlinked(self.socket(identifier))
 
 
@@ -156,11 +157,10 @@ def origins(value: Value) -> str:
     """What an expression that is no constant comes from, in words, with 'is' or 'are'."""
     found = value.unread
     if not found:
+        attributes = {source.name for source in value.sources if isinstance(source, Attribute)}
         found = sorted({part.texture.words for part in value.parts() if part.texture is not None})
-    if not found:
-        found = sorted(
-            {f"attribute '{s.name}'" if hasattr(s, "output") else "the UV map" for s in value.sources}
-        )
+        found += [f"attribute '{name}'" for name in sorted(attributes)]
+        found = found or ["the UV map"]
     return " and ".join(found) + (" is" if len(found) == 1 else " are")
 
 

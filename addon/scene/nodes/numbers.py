@@ -132,8 +132,9 @@ def _blended(blend: str, kind: str, a: Value, b: Value, share: Value) -> Value:
         return mixed(a, b, share)
     if kind == FLOAT:
         return apply("blend float", FLOAT, lambda x, y, s: (1.0 - s) * x + s * y, a, b, share)
-    if blend == "MULTIPLY" and share.equals(1.0):
-        return product(a, b)
+    if blend == "MULTIPLY" and share.is_share:
+        # a (1 - share + share b): a product is found in it.
+        return product(a, mixed(constant(COLOUR, [1.0] * 3), b, share))
     function = colours.BLEND[blend]
     return apply(f"blend {blend}", kind, lambda x, y, s: function(x, y, wide(s)), a, b, share)
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .baked import BAKED_MAP
-from .values import FLOAT, Attribute, Uv, Value, complement, number, product, saturated
+from .factors import product_of
+from .values import FLOAT, Uv, Value, complement, product, saturated
 
 _STEPS = 1024
 
@@ -40,32 +41,20 @@ def _share(value: float) -> float:
 
 
 def _split(value: Value) -> Parts | None:
-    uniform, pictures, corners = number(1.0), number(1.0), number(1.0)
-    for factor in _factors(value):
-        if factor.is_constant:
-            uniform = product(uniform, factor)
-        elif factor.hangs_on(Uv) and factor.hangs_on(Attribute):
-            return None
-        elif factor.hangs_on(Uv):
-            pictures = product(pictures, factor)
-        else:
-            corners = product(corners, factor)
+    found = product_of(value)
+    if found is None:
+        return None
+    picture, corners = found.picture, found.corners
     # A constant goes where there is something to be multiplied.
-    if not pictures.is_constant:
-        pictures = product(pictures, uniform)
+    if not picture.is_constant:
+        picture = product(picture, found.uniform)
     elif not corners.is_constant:
-        corners = product(corners, uniform)
+        corners = product(corners, found.uniform)
     return Parts(
         1.0,
-        None if pictures.is_constant else pictures,
+        None if picture.is_constant else picture,
         None if corners.is_constant else corners,
     )
-
-
-def _factors(value: Value) -> list[Value]:
-    if value.name == "product" and all(each.kind == FLOAT for each in value.inputs):
-        return [factor for each in value.inputs for factor in _factors(each)]
-    return [value]
 
 
 def _clip_of(value: Value) -> tuple[Value, float] | None:

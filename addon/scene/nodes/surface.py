@@ -13,13 +13,14 @@ from .graph import Graph, Leaves, Situation
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Closures of the front and the back: `seen` by cameras, and as it `casts` shadows. `varying`: see
-    Graph."""
+    """Closures of the front and the back: `seen` by cameras, and as it `casts` shadows. `tints` and
+    `lacking`: see Graph."""
 
     seen: tuple[Closure, Closure]
     casts: tuple[Closure, Closure]
     warnings: tuple[str, ...]
-    varying: frozenset[str] = frozenset()
+    tints: tuple[str, ...] = ()
+    lacking: frozenset[str] = frozenset()
 
     @property
     def shown(self) -> Closure:
@@ -32,19 +33,20 @@ def surface_at(socket: bpy.types.NodeSocket, leaves: Leaves | None = None) -> Su
     """Of the shader at the input of a material's output. `leaves`: see Graph."""
     asked: set[str] = set()
     warnings: dict[str, None] = {}
-    varying: dict[str, None] = {}
+    tints: dict[str, None] = {}
+    lacking: dict[str, None] = {}
     closures: dict[Situation, Closure] = {}
 
     def closure(is_shadow: bool, is_back: bool) -> Closure:
         situation = Situation(is_shadow and "ray" in asked, is_back and "side" in asked)
         if situation not in closures:
-            graph = Graph(situation, asked, warnings, leaves, varying)
+            graph = Graph(situation, asked, warnings, tints, leaves, lacking)
             closures[situation] = closure_at(graph, socket)
         return closures[situation]
 
     front = closure(False, False)
     if not asked:
-        return Surface((front, front), (front, front), tuple(warnings), frozenset(varying))
+        return Surface((front, front), (front, front), tuple(warnings), tuple(tints), frozenset(lacking))
     # What one asks, the others may answer differently: until none asks anything new.
     while True:
         before = len(asked)
@@ -52,4 +54,4 @@ def surface_at(socket: bpy.types.NodeSocket, leaves: Leaves | None = None) -> Su
         if len(asked) == before:
             break
     seen, casts = (tuple(each) for each in found)
-    return Surface(seen, casts, tuple(warnings), frozenset(varying))
+    return Surface(seen, casts, tuple(warnings), tuple(tints), frozenset(lacking))

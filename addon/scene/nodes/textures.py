@@ -190,15 +190,15 @@ def _rotation(euler: np.ndarray) -> np.ndarray:
     return np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in rows], axis=-2)
 
 
-@value_of("ShaderNodeVertexColor", how="Color and Alpha of any colour attribute",
-          instead="read for opacity and displacement only, at corners")  # fmt: skip
+@value_of("ShaderNodeVertexColor", how="Color and Alpha of any colour attribute, at corners")
 def _color_attribute(at: At, output) -> Value:
     # Painted ones lie between 0 and 1.
     return replace(_attribute_of(at.node.layer_name, output.identifier), low=0.0, high=1.0)
 
 
-@value_of("ShaderNodeAttribute", how="Geometry: Color, Vector, Fac and Alpha of the mesh's attributes",
-          instead="read for opacity and displacement only, at corners; no other type is read")  # fmt: skip
+@value_of("ShaderNodeAttribute",
+          how="Geometry: Color, Vector, Fac and Alpha of the mesh's attributes, at corners",
+          instead="no other type is read")  # fmt: skip
 def _attribute(at: At, output) -> Value:
     if at.node.attribute_type != "GEOMETRY":
         kind = FLOAT if output.type == "VALUE" else VECTOR

@@ -8,7 +8,7 @@ pub struct Mesh {
     pub positions: Vec<[f32; 3]>,
     /// Vertex of each corner, as Blender stores polygons.
     pub corner_vertices: Vec<u32>,
-    /// Corners of each triangle: indices into the three corner arrays.
+    /// Corners of each triangle: indices into the corner arrays.
     pub triangles: Vec<[u32; 3]>,
     /// Unit shading normals, one a corner; empty: the mesh is flat.
     pub corner_normals: Vec<[f32; 3]>,
@@ -16,6 +16,8 @@ pub struct Mesh {
     pub corner_uvs: Vec<[f32; 2]>,
     /// What opacities that are `by_corner` are multiplied by, one a corner; empty: 1.
     pub corner_opacity: Vec<f32>,
+    /// What colours that are by corner are multiplied by, one a corner; empty: 1.
+    pub corner_colours: Vec<[f32; 3]>,
     /// Material slot of each triangle; empty: slot 0 throughout.
     pub triangle_slots: Vec<u32>,
     pub(super) topology: OnceLock<Topology>,

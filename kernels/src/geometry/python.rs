@@ -47,11 +47,12 @@ pub struct SharedMesh {
 impl SharedMesh {
     /// Polygons. `positions` (V, 3) f32 in object space; `corner_vertices` (C,) i32; `face_starts` (F + 1,) i32;
     /// `corner_normals` (C, 3) f32 or None for a flat mesh; `corner_uvs` (C, 2) f32 or None; `face_slots` (F,)
-    /// i32 or None; `corner_opacity` (C,) f32, what opacities that are `by_corner` are multiplied by, or None.
+    /// i32 or None; `corner_opacity` (C,) f32 and `corner_colours` (C, 3) f32, what opacities and colours that are by
+    /// corner are multiplied by, or None.
     /// Raises ValueError on indices out of range; faces with a vertex that is not finite are dropped.
     #[new]
     #[pyo3(signature = (positions, corner_vertices, face_starts, corner_normals=None, corner_uvs=None, face_slots=None,
-        corner_opacity=None))]
+        corner_opacity=None, corner_colours=None))]
     pub fn new(
         positions: PyReadonlyArray2<'_, f32>,
         corner_vertices: PyReadonlyArray1<'_, i32>,
@@ -60,6 +61,7 @@ impl SharedMesh {
         corner_uvs: Option<PyReadonlyArray2<'_, f32>>,
         face_slots: Option<PyReadonlyArray1<'_, i32>>,
         corner_opacity: Option<PyReadonlyArray1<'_, f32>>,
+        corner_colours: Option<PyReadonlyArray2<'_, f32>>,
     ) -> PyResult<Self> {
         let positions: Vec<[f32; 3]> = rows(&positions, "positions")?;
         let corner_vertices = checked_corners(corner_vertices.as_slice()?, positions.len())?;
@@ -68,10 +70,12 @@ impl SharedMesh {
         let corner_normals = corner_normals.map_or(Ok(Vec::new()), |a| rows::<3>(&a, "corner_normals"))?;
         let corner_uvs = corner_uvs.map_or(Ok(Vec::new()), |a| rows::<2>(&a, "corner_uvs"))?;
         let corner_opacity = corner_opacity.map_or(Ok(Vec::new()), |a| a.as_slice().map(<[f32]>::to_vec))?;
+        let corner_colours = corner_colours.map_or(Ok(Vec::new()), |a| rows::<3>(&a, "corner_colours"))?;
         for (what, length) in [
             ("corner_normals", corner_normals.len()),
             ("corner_uvs", corner_uvs.len()),
             ("corner_opacity", corner_opacity.len()),
+            ("corner_colours", corner_colours.len()),
         ] {
             if length != 0 && length != corner_vertices.len() {
                 return Err(PyValueError::new_err(format!("{what} needs one row a corner")));
@@ -97,6 +101,7 @@ impl SharedMesh {
             corner_normals,
             corner_uvs,
             corner_opacity,
+            corner_colours,
             triangle_slots,
             topology: OnceLock::new(),
         });
@@ -179,7 +184,7 @@ impl Geometry {
 
     /// Adds polygons, as `Mesh` takes them, and returns the mesh's index.
     #[pyo3(signature = (positions, corner_vertices, face_starts, corner_normals=None, corner_uvs=None, face_slots=None,
-        corner_opacity=None))]
+        corner_opacity=None, corner_colours=None))]
     pub fn add_mesh(
         &mut self,
         positions: PyReadonlyArray2<'_, f32>,
@@ -189,6 +194,7 @@ impl Geometry {
         corner_uvs: Option<PyReadonlyArray2<'_, f32>>,
         face_slots: Option<PyReadonlyArray1<'_, i32>>,
         corner_opacity: Option<PyReadonlyArray1<'_, f32>>,
+        corner_colours: Option<PyReadonlyArray2<'_, f32>>,
     ) -> PyResult<usize> {
         self.add_shared_mesh(&SharedMesh::new(
             positions,
@@ -198,6 +204,7 @@ impl Geometry {
             corner_uvs,
             face_slots,
             corner_opacity,
+            corner_colours,
         )?)
     }
 

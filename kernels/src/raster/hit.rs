@@ -235,6 +235,15 @@ impl Hit<'_> {
         std::array::from_fn(|k| wide_dot(corners.map(|corner| f64::from(corner[k])), weights))
     }
 
+    /// What colours by corner are multiplied by; 1 where the mesh has none.
+    pub fn colours(&self, weights: &Wide3) -> Wide3 {
+        if self.mesh.corner_colours.is_empty() {
+            return [[1.0; WIDE]; 3];
+        }
+        let corners = self.mesh.triangles[self.triangle].map(|c| self.mesh.corner_colours[c as usize]);
+        std::array::from_fn(|k| wide_dot(corners.map(|corner| f64::from(corner[k])), weights))
+    }
+
     /// What opacities by corner are multiplied by.
     fn factors(&self, weights: &Wide3) -> Wide {
         if self.mesh.corner_opacity.is_empty() {

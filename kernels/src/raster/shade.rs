@@ -27,6 +27,7 @@ pub fn split<'a>(images: &'a mut Images, grid: Grid) -> Vec<Vec<Row<'a>>> {
         position,
         geometric_normal,
         shading_normal,
+        corner_colour,
         uv,
         depth,
         object_id,
@@ -51,7 +52,8 @@ pub fn shade(row: &mut Row, columns: Range<usize>, camera: &Camera, origin: [i32
         }
     }
     let normals = row.geometric_normal.is_some() || row.shading_normal.is_some();
-    if row.position.is_none() && row.depth.is_none() && row.uv.is_none() && !normals {
+    let values = row.uv.is_some() || row.corner_colour.is_some();
+    if row.position.is_none() && row.depth.is_none() && !values && !normals {
         return;
     }
     for first in columns.clone().step_by(WIDE) {
@@ -74,6 +76,9 @@ pub fn shade(row: &mut Row, columns: Range<usize>, camera: &Camera, origin: [i32
         }
         if let Some(image) = &mut row.uv {
             put(&mut image[part.clone()], &hit.uvs(&weights));
+        }
+        if let Some(image) = &mut row.corner_colour {
+            put(&mut image[part.clone()], &hit.colours(&weights));
         }
         if normals {
             let [geometric, shading] = hit.normals(camera, pixels, &weights);

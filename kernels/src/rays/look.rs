@@ -117,6 +117,13 @@ impl<'a> Facet<'a> {
         {
             uvs[at] = rounded(mix(self.of_corners(&self.mesh.corner_uvs), weights));
         }
+        if let Some(colours) = &mut row.corner_colour {
+            colours[at] = if self.mesh.corner_colours.is_empty() {
+                [1.0; 3]
+            } else {
+                rounded(mix(self.of_corners(&self.mesh.corner_colours), weights))
+            };
+        }
     }
 }
 

@@ -46,6 +46,7 @@ def points(rng, height: int, width: int) -> dict[str, np.ndarray]:
         "instance": rng.integers(0, 3, (height, width)).astype(np.int32),
         "material": rng.integers(0, 3, (height, width)).astype(np.int32),
         "uv": rng.uniform(-3.0, 3.0, (height, width, 2)).astype(np.float32),
+        "corner_colour": rng.uniform(0.0, 2.0, (height, width, 3)).astype(np.float32),
     }
     for name, miss in (("position", 0.0), ("shading_normal", 0.0), ("instance", -1), ("material", -1)):
         surface[name][0] = miss
@@ -113,6 +114,29 @@ def test_colours_and_textures_are_the_same_on_both_devices():
     textured = surface["material"] == 1
     expected = np.float32(0.75) * lit.bilinear(texels, surface["uv"][textured])
     assert np.array_equal(cpu[textured][:, :3], expected)
+
+
+def test_what_corners_carry_multiplies_the_colours_of_its_materials(backend):
+    surface = points(np.random.default_rng(3), 23, 31)
+    outline, arrays = tilted_quad_scene()
+    texels = np.full((2, 2, 4), 0.5, np.float32)
+    colours = ((0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (0.7, 0.8, 0.9))
+    device = CpuDevice() if backend == "cpu" else gpu_device()
+    device.set_scene(outline, replace(arrays, textures={0: texels}))
+    made = [
+        device.to_host(
+            lit.MATERIAL_COLOUR.twin(backend)(
+                device, device.from_host(surface), colours=colours, images=((1, 0, 1.0),), version=0, **more
+            )
+        )
+        for more in ({}, {"by_corner": (0, 1)})
+    ]
+    found = surface["material"]
+    expected = made[0].copy()
+    of_corners = (found == 0) | (found == 1)
+    expected[of_corners, :3] *= surface["corner_colour"][of_corners]
+    np.testing.assert_allclose(made[1], expected, rtol=1e-6)
+    assert np.abs(made[1] - made[0])[of_corners].max() > 0.1
 
 
 def test_a_texture_is_bilinear_and_repeats():

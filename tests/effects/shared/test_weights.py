@@ -118,6 +118,63 @@ def test_metals_weigh_nothing():
     assert np.allclose(shadow, other, atol=1e-6)
 
 
+def test_metals_of_textures_weigh_nothing(backend):
+    """A texture of 1 is a metal, one of 0 is none; in the truth too."""
+    for value in (1.0, 0.0):
+        found = []
+        for is_textured in (False, True):
+            scene = fringe_scene()
+            tree = bpy.data.materials["Metal"].node_tree
+            socket = tree.nodes["Principled BSDF"].inputs["Metallic"]
+            socket.default_value = value
+            if is_textured:
+                node = tree.nodes.new("ShaderNodeTexImage")
+                node.image = bpy.data.images.new("Metal", 2, 2, float_buffer=True)
+                node.image.colorspace_settings.name = "Non-Color"
+                node.image.pixels.foreach_set(np.array([value, value, value, 1.0] * 4, np.float32))
+                tree.links.new(node.outputs["Color"], socket)
+            found.append(made(scene, backend, probes=256))
+        first, second = found
+        assert not [warning for warning in second.report.warnings if "not read" in warning]
+        for name, pixels in layers_of(first).items():
+            np.testing.assert_allclose(layers_of(second)[name], pixels, atol=1e-5)
+        errors = [each.layers.report["layers"][0]["error"]["value"] for each in found]
+        assert errors[1] == pytest.approx(errors[0], rel=1e-3)
+        # The composite shows metals as bright as anything.
+        np.testing.assert_allclose(second.composite, first.composite, atol=1e-6)
+
+
+def by_attributes(scene) -> None:
+    """Base colours as attributes of the meshes, in place of constants."""
+    for thing in scene.objects:
+        if thing.type == "MESH":
+            tree = thing.data.materials[0].node_tree
+            colour = tree.nodes["Principled BSDF"].inputs["Base Color"]
+            paint = thing.data.attributes.new("Paint", "FLOAT_COLOR", "CORNER")
+            paint.data.foreach_set("color", [*colour.default_value] * len(paint.data))
+            if not colour.is_linked:
+                node = tree.nodes.new("ShaderNodeVertexColor")
+                node.layer_name = "Paint"
+                tree.links.new(node.outputs["Color"], colour)
+
+
+def test_colours_of_attributes_weigh_as_constants(backend):
+    """And in the truth too: the error is the same."""
+    found = []
+    for change in (lambda scene: None, by_attributes):
+        scene = fringe_scene()
+        change(scene)
+        found.append(made(scene, backend, probes=256))
+    first, second = found
+    assert not [warning for warning in second.report.warnings if "is not read" in warning]
+    np.testing.assert_allclose(second.composite, first.composite, atol=1e-6)
+    for name, pixels in layers_of(first).items():
+        # Where no light arrives any weight is its floor.
+        np.testing.assert_allclose(layers_of(second)[name], pixels, atol=1e-5)
+    errors = [each.layers.report["layers"][0]["error"]["value"] for each in found]
+    assert errors[1] == pytest.approx(errors[0], rel=1e-3)
+
+
 def test_power_does_not_matter():
     (first,) = layers_of(made(fringe_scene())).values()
     for power in (1e-12, 1e12):

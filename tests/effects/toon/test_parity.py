@@ -132,6 +132,17 @@ def test_spare(stage):
     np.testing.assert_array_equal(gpu, cpu)
 
 
+def test_glow(stage):
+    rng = np.random.default_rng(3)
+    shaded, emission = (rng.uniform(0, 1, (*stage.light.shape, 4)).astype(np.float32) for _ in range(2))
+    shaded[::3, 1:, 3] = 0.0
+    cpu, gpu = stage.both(steps.GLOW, shaded, emission, strength=0.4)
+    expected = shaded.astype(np.float64)
+    expected[..., :3] += 0.4 * emission[..., :3] * (shaded[..., 3:] > 0.0)
+    np.testing.assert_allclose(cpu, expected, atol=1e-6)
+    np.testing.assert_allclose(gpu, cpu, atol=1e-6)
+
+
 @pytest.mark.parametrize("anchor", ["screen", "object", "surface"])
 @pytest.mark.parametrize("size", [0.7, 1.3])
 def test_halftone(stage, anchor, size):

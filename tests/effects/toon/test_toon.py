@@ -76,6 +76,44 @@ def test_there_are_three_layers(stage, backend):
     assert layers["Toon Halftone"].min() < 0.1
 
 
+def glowing(scene, how: str) -> None:
+    """Both balls: one by a constant, one `how`."""
+    for name in ("Left", "Right"):
+        tree = bpy.data.materials[name].node_tree
+        principled = tree.nodes["Principled BSDF"]
+        principled.inputs["Emission Color"].default_value = (0.1, 0.3, 0.05, 1.0)
+        principled.inputs["Emission Strength"].default_value = 2.0
+    if how == "attribute":
+        paint = scene.objects["Right"].data.attributes.new("Paint", "FLOAT_COLOR", "POINT")
+        paint.data.foreach_set("color", [0.1, 0.3, 0.05, 1.0] * len(paint.data))
+        node = tree.nodes.new("ShaderNodeVertexColor")
+        node.layer_name = "Paint"
+    elif how == "texture":
+        node = tree.nodes.new("ShaderNodeTexImage")
+        node.image = bpy.data.images.new("Glow", 2, 2, float_buffer=True)
+        node.image.colorspace_settings.name = "Non-Color"
+        node.image.pixels.foreach_set(np.array([0.1, 0.3, 0.05, 1.0] * 4, np.float32))
+    if how != "constant":
+        tree.links.new(node.outputs["Color"], principled.inputs["Emission Color"])
+
+
+@pytest.mark.parametrize("how", ["attribute", "texture"])
+def test_glow_of_textures_and_attributes_is_as_that_of_constants(stage, backend, how):
+    found = []
+    for each in ("constant", how):
+        glowing(stage, each)
+        found.append(baked(stage, backend, probes=128, emission=0.5))
+    first, second = found
+    assert not [warning for warning in second.report.warnings if "not read" in warning]
+    toon = layers_of(first)["Toon"]
+    np.testing.assert_allclose(layers_of(second)["Toon"], toon, atol=1e-6)
+    row, column = ball_of(first, 1)
+    plain = layers_of(baked(stage, backend, emission=0.0))["Toon"]
+    np.testing.assert_allclose((toon - plain)[row, column, :3], (0.1, 0.3, 0.05), atol=1e-6)
+    errors = [each.layers.report["layers"][0]["error"]["value"] for each in found]
+    assert errors[1] == pytest.approx(errors[0], rel=1e-3)
+
+
 def test_what_is_switched_off_is_left_out_with_a_reason(stage):
     graph = planned(stage, halftone=False, outline=False, key_light="Moon")
     assert [layer.name for layer in graph.layers] == ["Toon"]

@@ -1,7 +1,8 @@
-//! The colour of each point's material, constant or from a texture.
+//! The colour of each point's material, constant or from a texture, times what corners of faces carry.
 
 use numpy::{
-    IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
+    IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyUntypedArrayMethods,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -39,17 +40,24 @@ impl Texture<'_> {
 
 /// (h, w, 4) f32, alpha 1; all 0 where `material` (h, w) is -1. `colours` (M, 3) by material; each of `textures` is a
 /// material, its texels (rows, columns, 4) at `uv` (h, w, 2), and the share of them that counts; the last of a material holds.
-/// Raises ValueError on other shapes and on materials that are none.
+/// Of materials where `by_corner` (M,) is 1, all that times `corner_colour` (h, w, 3). Raises ValueError on other shapes and
+/// on materials that are none.
 #[pyfunction]
+#[pyo3(signature = (material, uv, colours, textures, corner_colour=None, by_corner=None))]
 fn material_colour<'py>(
     py: Python<'py>,
     material: PyReadonlyArray2<'py, i32>,
     uv: Option<PyReadonlyArray3<'py, f32>>,
     colours: PyReadonlyArray2<'py, f32>,
     textures: Vec<(usize, PyReadonlyArray3<'py, f32>, f32)>,
+    corner_colour: Option<PyReadonlyArray3<'py, f32>>,
+    by_corner: Option<PyReadonlyArray1<'py, u8>>,
 ) -> PyResult<Bound<'py, PyArray3<f32>>> {
-    let wrong =
-        || PyValueError::new_err("material (h, w), uv (h, w, 2), colours (M, 3) and texels (h, w, 4)");
+    let wrong = || {
+        PyValueError::new_err(
+            "material (h, w), uv (h, w, 2), colours (M, 3), texels (h, w, 4), corner_colour (h, w, 3)",
+        )
+    };
     let &[height, width] = material.shape() else {
         return Err(wrong());
     };
@@ -60,6 +68,15 @@ fn material_colour<'py>(
     let uv = match &uv {
         Some(uv) if *uv.shape() == [height, width, 2] => uv.as_slice()?.as_chunks::<2>().0,
         None if textures.is_empty() => &[],
+        _ => return Err(wrong()),
+    };
+    let tints = match (&corner_colour, &by_corner) {
+        (Some(tints), Some(which))
+            if *tints.shape() == [height, width, 3] && which.len() == colours.len() =>
+        {
+            Some((tints.as_slice()?.as_chunks::<3>().0, which.as_slice()?))
+        }
+        (None, None) => None,
         _ => return Err(wrong()),
     };
     let mut of_material: Vec<Option<Texture<'_>>> = colours.iter().map(|_| None).collect();
@@ -95,6 +112,11 @@ fn material_colour<'py>(
                         None => colours[index],
                     };
                     *result = [r, g, b, 1.0];
+                    if let Some((tints, _)) = tints.filter(|(_, which)| which[index] != 0) {
+                        for (value, tint) in result.iter_mut().zip(tints[chunk * CHUNK + i]) {
+                            *value *= tint;
+                        }
+                    }
                 }
             })
     });
