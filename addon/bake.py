@@ -290,6 +290,8 @@ def read_depsgraph(
 
     started = time.perf_counter()
     name, exact = camera.name if camera else None, exact if options.read == Read.EXACT.value else None
+    if exact is not None:
+        exact.texels = options.read_texels
     found = scan(depsgraph, ScanOptions(size=size, camera=name, seed=options.seed, exact=exact))
     graph = plan_scene(found.outline, found.shot, options)
     if exact is not None:

@@ -13,7 +13,7 @@ from .core.graph import Graph
 from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups, too_large
 from .core.outline import Outline
 from .core.reach import fitted
-from .core.read import Read
+from .core.read import MOST_TEXELS, TEXELS, Read
 from .core.recorder import Recorder, plan
 from .core.roles import Role
 from .core.sampling import Sampling
@@ -35,7 +35,8 @@ class Options:
     the effect to take a role from, where several offer it and a lamp asks for none; `keeps_unused` also makes
     their layers that the picture does not take; `weight`: what samples of layers that multiply
     weigh (Weight); `rgb_layers`: lamps' shadows are in colour, each channel weighed by itself;
-    `error_images`: each measured layer gets an image of its error too; `read`: how materials are (Read);
+    `error_images`: each measured layer gets an image of its error too; `read`: how materials are (Read), and
+    `read_texels`: how fine at most what Blender bakes of them is, texels a side of a mesh's picture;
     `registry`: the effects that there are."""
 
     effects: tuple[str, ...] | None = None
@@ -54,6 +55,7 @@ class Options:
     rgb_layers: bool = False
     error_images: bool = False
     read: str = Read.FAST.value
+    read_texels: int = TEXELS
     registry: Registry = EFFECTS
 
     def __post_init__(self):
@@ -63,6 +65,8 @@ class Options:
             raise StrataError(f"weight: '{self.weight}' is none of {', '.join(names)}")
         if self.read not in (names := [each.value for each in Read]):
             raise StrataError(f"read: '{self.read}' is none of {', '.join(names)}")
+        if not 1 <= self.read_texels <= MOST_TEXELS:
+            raise StrataError(f"read texels: {self.read_texels} is not between 1 and {MOST_TEXELS}")
         if self.samples < 1:
             raise StrataError(f"samples: {self.samples} is less than 1")
         if self.probes is not None and self.probes < 0:

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 from ..addon.core.errors import StrataError
 from ..addon.core.params import ParamSpec
-from ..addon.core.read import Read
+from ..addon.core.read import MOST_TEXELS, Read
 from ..addon.core.weight import Weight
 from ..addon.layers.exr_params import ExrParams
 from ..addon.layers.numbered import Placeholder
@@ -168,6 +168,8 @@ def _scene_flags(needs_scene: bool) -> argparse.ArgumentParser:
     flags.add_argument("--read", choices=[each.value for each in Read],
                        help="materials by their nodes alone, or what is not read of them as Blender bakes it "
                        "(default: the scene's)")  # fmt: skip
+    flags.add_argument("--read-texels", type=whole_number(1, MOST_TEXELS), metavar="N",
+                       help="most a side of what Blender bakes (default: the scene's, or 1024)")  # fmt: skip
     flags.add_argument("--rgb-layers", action="store_true", default=None,
                        help="shadows in colour, channel by channel (default: the scene's)")  # fmt: skip
     flags.add_argument("--memory", type=memory, metavar="4G",

@@ -174,7 +174,7 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
 
     given = {"effects": arguments.effects, "values": nested(arguments.set)}
     Options(**given).chosen()  # wrong words are found before a large file is opened
-    given |= {name: getattr(arguments, name) for name in ("rgb_layers", "read")}
+    given |= {name: getattr(arguments, name) for name in ("rgb_layers", "read", "read_texels")}
     given |= {"memory_bytes": arguments.memory}
     with _properties():
         chosen, said = _open(arguments, interrupts)
@@ -229,7 +229,8 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     from ..addon.ui.properties import exr_of, options_of
 
     plain = (
-        "effects", "backend", "samples", "weight", "rgb_layers", "read", "probes", "error_images", "seed",
+        "effects", "backend", "samples", "weight", "rgb_layers", "read", "read_texels", "probes",
+        "error_images", "seed",
     )  # fmt: skip
     given = {name: getattr(arguments, name) for name in plain}
     given |= {"values": nested(arguments.set), "memory_bytes": arguments.memory}

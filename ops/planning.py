@@ -36,7 +36,7 @@ def read_plan(
 
     def read(depsgraph) -> tuple[Scan, Graph, Options]:
         options = options_of(depsgraph.scene_eval)
-        exact = Exact() if options.read == Read.EXACT.value else None
+        exact = Exact(options.read_texels) if options.read == Read.EXACT.value else None
         found = scan(depsgraph, ScanOptions(size, camera.name if camera else None, exact=exact))
         graph = plan_scene(found.outline, found.shot, options)
         if exact is not None:

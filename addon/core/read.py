@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from enum import Enum
 
+TEXELS = 1024
+"""Most that what is baked of a mesh has a side, unless its faces need more."""
+
+
+MOST_TEXELS = 4096
+
 
 class Read(Enum):
     """`doc` says it in a few words."""

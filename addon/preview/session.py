@@ -17,7 +17,7 @@ from ..core.executor import Executor
 from ..core.free_memory import free_bytes
 from ..core.graph import Graph
 from ..core.outline import Image, Light, Mesh, Outline
-from ..core.read import Read
+from ..core.read import MOST_TEXELS, Read
 from ..core.shot import Shot
 from ..devices.start import Devices, start_devices
 from ..effects.shared.coarse_picture import seen_boxes
@@ -87,7 +87,7 @@ class Session:
         changes, self.changes, self._content = self.changes, Changes(), content
         if is_other or not self._patch(changes, depsgraph):
             shows = (lambda thing: shown_in(space, thing)) if hides else None
-            exact = Exact(can_bake=False) if reads_exactly else None
+            exact = Exact(MOST_TEXELS, can_bake=False) if reads_exactly else None
             asked = ScanOptions(size=(2, 2), camera=placement.camera, seed=seed, shows=shows, exact=exact)
             self._take(scan(depsgraph, asked))
         self.version = next(_versions)

@@ -11,6 +11,7 @@ import bpy
 from .. import preview
 from ..core.effect import Effect
 from ..core.errors import StrataError, sentence
+from ..core.read import Read
 from ..effects.registry import EFFECTS
 from ..layers.compositor import can_take_away
 from ..layers.exr_params import ExrParams
@@ -24,7 +25,7 @@ from .state import STATE, PlanRow
 
 LETTER_PIXELS = 7.2  # of the interface's font at scale 1, on average
 COMPOSITE = "Composite"
-_BAKED = ("backend", "samples", "weight", "rgb_layers", "read")
+_BAKED = ("backend", "samples", "weight", "rgb_layers", "read", "read_texels")
 _MEASURED = ("probes", "error_images", "audit")
 _LIGHT_ICONS = {"POINT": "LIGHT_POINT", "SUN": "LIGHT_SUN", "SPOT": "LIGHT_SPOT", "AREA": "LIGHT_AREA"}
 
@@ -113,6 +114,8 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
     column = layout.column()
     column.active = not STATE.is_baking
     for name in (*_BAKED, *_MEASURED, "memory_gb"):
+        if name == "read_texels" and settings.read != Read.EXACT.value:
+            continue
         row = column.row()
         row.active = name != "error_images" or settings.probes > 0
         row.prop(settings, name)

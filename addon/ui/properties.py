@@ -13,7 +13,7 @@ import bpy
 from ..core.effect import Effect
 from ..core.params import Colour, Lamp, ParamSpec, in_words
 from ..core.ramp import Ramp
-from ..core.read import Read
+from ..core.read import MOST_TEXELS, TEXELS, Read
 from ..core.weight import Weight
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
@@ -54,6 +54,7 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
         "weight": settings.weight,
         "rgb_layers": settings.rgb_layers,
         "read": settings.read,
+        "read_texels": settings.read_texels,
         # Only a number that somebody set is kept whatever it takes.
         "probes": settings.probes if settings.is_property_set("probes") else None,
         "error_images": settings.error_images,
@@ -227,6 +228,12 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
             description="How materials are read. F12 and previews take what a bake has kept",
             items=[(each.value, each.name.capitalize(), each.doc) for each in Read],
             default=Read.FAST.value,
+        ),
+        "read_texels": bpy.props.IntProperty(
+            name="Texels",
+            description="Most texels a side of what Blender bakes of a mesh's materials, rounded up to a "
+            "power of two. As few are taken as the camera asks for, and more where there are many faces",
+            default=TEXELS, min=1, max=MOST_TEXELS, soft_min=128,
         ),
         "probes": bpy.props.IntProperty(
             name="Error Probes",

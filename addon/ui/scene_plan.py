@@ -97,12 +97,13 @@ class ScenePlan:
             depsgraph.scene.frame_current_final,
             len(depsgraph.objects),
             depsgraph.scene.strata.read,
+            depsgraph.scene.strata.read_texels,
             rendered_objects(view_layer),
         )
 
     def _read(self, depsgraph: bpy.types.Depsgraph):
         """The outline and its shot, and all that is to be said of it."""
-        content = self._content_of(depsgraph)
+        content, settings = self._content_of(depsgraph), depsgraph.scene.strata
         rendered = content[-1]
         changes, self.changes = self.changes, Changes()
         try:
@@ -115,7 +116,7 @@ class ScenePlan:
                     camera=raster.camera,
                     shows=lambda thing: thing.session_uid in rendered,
                     seconds=None if self._scan else MOST_SECONDS,
-                    exact=Exact() if depsgraph.scene.strata.read == Read.EXACT.value else None,
+                    exact=Exact(settings.read_texels) if settings.read == Read.EXACT.value else None,
                 )
                 # Blender's own data is not to be kept.
                 self._scan = scan(depsgraph, how).without_sources()

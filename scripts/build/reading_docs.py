@@ -61,8 +61,8 @@ emission are read of all nodes, but for these, which stay as they are without it
 How that is done:
 
 - Each face of a mesh gets a square of texels of its own, the larger the larger it is, so that nothing
-  overlaps whatever UV maps there are. A mesh has 128 to 1024 texels a side, by how large the camera sees it,
-  or more where its faces need it.
+  overlaps whatever UV maps there are. A mesh has 128 to 1024 texels a side (*Texels*, `--read-texels`), by
+  how large the camera sees it, or more where its faces need it.
 - Blender bakes in a scene of its own, with copies of what it needs. Nothing of that stays in the file.
 - Objects that share a mesh share what is baked, unless nodes tell them apart.
 - What is baked is kept, by all that it hangs on: nodes and what they read, the mesh, the object where nodes

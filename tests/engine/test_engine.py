@@ -16,6 +16,8 @@ from strata.addon.core.errors import Cancelled
 from strata.addon.engine import compatible_panels, material_preview
 from strata.addon.engine.engine import StrataRenderEngine
 from strata.addon.planning import Options
+from strata.addon.scene.exact import reading
+from strata.addon.scene.exact.store import Store
 from strata.addon.scene.open import choose, open_blend
 from strata.ops.cli import main
 from strata.tests.support.exr_layers import read_layers
@@ -381,7 +383,8 @@ def test_compatible_panels_come_and_go():
     assert compatible() == there
 
 
-def test_what_blender_bakes_of_materials_is_there_in_a_render_too(tmp_path):
+def test_what_blender_bakes_of_materials_is_there_in_a_render_too(tmp_path, monkeypatch):
+    monkeypatch.setattr(reading, "STORE", Store(None))
     scene = floor_scene()
     card(clear_by("Card", noise))
     scene.render.engine = "STRATA"

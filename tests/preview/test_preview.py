@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from strata.addon.bake import bake
 from strata.addon.planning import Options
-from strata.addon.preview import caption
+from strata.addon.preview import caption, session
 from strata.addon.preview.budget import Budget
 from strata.addon.preview.session import Session
 from strata.addon.preview.viewport import Viewport
 from strata.addon.scene.cameras import camera_of
+from strata.addon.scene.exact import reading
+from strata.addon.scene.exact.store import Store
 from strata.addon.scene.nodes.pictures import Picture
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.viewport import Placement, hides_objects
@@ -391,6 +393,9 @@ def test_a_lights_own_settings_count_and_are_lightened_too(backend):
 
 
 def test_a_preview_shows_what_a_bake_has_kept(tmp_path, monkeypatch):
+    known = Store(None)
+    monkeypatch.setattr(reading, "STORE", known)
+    monkeypatch.setattr(session, "STORE", known)
     floor_scene()
     card(clear_by("Card", noise))
     path = tmp_path / "scene.blend"

@@ -10,10 +10,13 @@ import bpy
 import numpy as np
 import pytest
 from strata.addon.bake import bake, read_scene
+from strata.addon.core.shot import Raster
 from strata.addon.planning import Options
+from strata.addon.scene.cameras import camera_of
 from strata.addon.scene.exact import reading, workshop
 from strata.addon.scene.exact.layout import SMALLEST, layout_of, least_size
 from strata.addon.scene.exact.leaves import random_of
+from strata.addon.scene.exact.size import size_for, sizes_for
 from strata.addon.scene.exact.store import Store
 from strata.addon.scene.exact.upstream import upstream_of
 from strata.addon.scene.nodes.graph import Graph
@@ -391,3 +394,18 @@ def test_a_folder_that_cannot_be_written_to_is_told_once(tmp_path, store):
     assert warning.startswith("what Blender bakes is kept in memory only")
     baked = bake(scene, scene.view_layers[0], OPTIONS, size=(32, 18))
     assert baked.report.baked[0].endswith("kept from before")
+
+
+@pytest.mark.parametrize("faces", [1, 5000, 100_000])
+@pytest.mark.parametrize("most", [64, 1000, 4096])
+def test_every_size_that_may_be_asked_for_is_among_those_looked_for(faces, most):
+    scene = floor_scene()
+    shown = card(bpy.data.materials.new("Card"))
+    raster = Raster(camera_of(scene.camera), (960, 540))
+    matrix = np.array(shown.matrix_world, np.float64)
+    sizes = sizes_for(faces, most)
+    assert sizes == sorted(sizes, reverse=True)
+    asked = [size_for(raster, shown, matrix, area, faces, most) for area in 10.0 ** np.arange(-9, 9)]
+    assert set(asked) <= set(sizes)
+    assert max(asked) == sizes[0]
+    assert min(asked) == sizes[-1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import bpy
 import numpy as np
@@ -13,6 +14,7 @@ from ...core.arrays import MeshArrays
 from ...core.errors import StrataError, one_line
 from ...core.graph import Graph
 from ...core.outline import Outline
+from ...core.read import TEXELS
 from ...core.shot import Raster
 from ..materials import BASE_COLOUR, EMISSION, METALLIC, OPACITY, Images, ReadMaterial, read_material
 from ..mesh_arrays import mesh_arrays
@@ -36,13 +38,18 @@ SECONDS_EACH, SAMPLES_PER_SECOND = 0.1, 1.6e6
 
 @dataclass(eq=False)
 class ExactMesh:
-    """A mesh of the depsgraph that is being read. `corner_uvs` (C, 2) f32: where its faces are baked."""
+    """A mesh of the depsgraph that is being read. `layout` gives `corner_uvs`."""
 
     source: bpy.types.Mesh | None
     digest: str
     size: int
-    corner_uvs: np.ndarray
+    layout: Callable[[], np.ndarray] | None
     generated: np.ndarray
+
+    @property
+    def corner_uvs(self) -> np.ndarray:
+        """(C, 2) f32: where its faces are baked."""
+        return self.layout()
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +68,11 @@ class Part:
 
 @dataclass(eq=False)
 class Exact:
-    """What one job reads exactly: it is the same for all of its scans. `made` is what it has baked so far, by
-    keys, and `seconds` what that took; `failed` is what cannot be, and why. Without `can_bake` only what is
-    known already is read so."""
+    """What one job reads exactly, with `texels` a side at most: it is the same for all of its scans. `made`
+    is what it has baked so far, by keys, and `seconds` what that took; `failed` is what cannot be, and why.
+    Without `can_bake` only what is known already is read so."""
 
+    texels: int = TEXELS
     store: Store = field(default_factory=lambda: STORE)
     made: dict[str, np.ndarray] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
@@ -212,16 +220,20 @@ class ExactScan:
         if not len(arrays.corner_vertices):
             return
         matrix = np.array(appearance.matrix, np.float64)
-        size = size_for(self.raster, shown, matrix, area, len(data.polygons))
+        size = size_for(self.raster, shown, matrix, area, len(data.polygons), self.exact.texels)
         if size > LARGEST:
             told = f"object '{shown.name}': its materials are not baked, it has too many faces"
             self.warnings[told] = None
             return
-        sizes = [size] if self.exact.can_bake else dict.fromkeys([size, *sizes_for(len(data.polygons))])
+        sizes = (
+            [size]
+            if self.exact.can_bake
+            else dict.fromkeys([size, *sizes_for(len(data.polygons), self.exact.texels)])
+        )
         for size in sizes:
             if (pointer, size) not in self._meshes:
-                uvs = self.exact.layout(arrays, digest, size)
-                self._meshes[pointer, size] = ExactMesh(data, digest, size, uvs, generated)
+                layout = partial(self.exact.layout, arrays, digest, size)
+                self._meshes[pointer, size] = ExactMesh(data, digest, size, layout, generated)
             yield self._meshes[pointer, size]
 
     def read(
@@ -253,10 +265,10 @@ class ExactScan:
 
     def without_sources(self) -> ExactScan:
         """Without Blender's own data."""
-        none = np.zeros((0, 2), np.float32)
+        none = np.zeros((0, 3), np.float32)
         parts = {
             index: replace(
-                part, material=None, mesh=replace(part.mesh, source=None, corner_uvs=none, generated=none)
+                part, material=None, mesh=replace(part.mesh, source=None, layout=None, generated=none)
             )
             for index, part in self.parts.items()
         }

@@ -11,16 +11,15 @@ from ...core.arrays import MeshArrays
 from ...core.shot import Raster
 from .layout import least_size
 
-MOST = 1024
-"""Texels a side, unless the faces need more."""
-
 LEAST = 128
 TEXELS_PER_PIXEL = 2.0  # of the picture, where the mesh is nearest; its shadows may lie nearer than it itself
 
 
-def size_for(raster: Raster, shown: bpy.types.Object, matrix: np.ndarray, area: float, faces: int) -> int:
+def size_for(
+    raster: Raster, shown: bpy.types.Object, matrix: np.ndarray, area: float, faces: int, most: int
+) -> int:
     """Texels a side, a power of two, for an object of `area` m² in its own space, (4, 4) its matrix from it
-    to the world."""
+    to the world; `most` unless the faces need more."""
     corners = np.array([corner[:] for corner in shown.bound_box], np.float64)
     corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
     view, (width, _) = raster.view, raster.computed_size
@@ -32,15 +31,22 @@ def size_for(raster: Raster, shown: bpy.types.Object, matrix: np.ndarray, area: 
         pixel *= max(float(np.linalg.norm(nearest - eye)), view.near)
     area *= _stretching(matrix)
     wanted = TEXELS_PER_PIXEL * math.sqrt(area) / pixel if pixel > 0.0 else math.inf
-    wanted = min(max(wanted, LEAST), MOST) if wanted == wanted else MOST
-    return max(1 << (math.ceil(wanted) - 1).bit_length(), least_size(faces))
+    wanted = min(max(wanted, LEAST), most) if wanted == wanted else most
+    return max(_power_of_two(wanted), least_size(faces))
 
 
-def sizes_for(faces: int) -> list[int]:
+def sizes_for(faces: int, most: int) -> list[int]:
     """All that `size_for` may give, the finest first."""
-    least = least_size(faces)
-    sizes = [1 << power for power in range(MOST.bit_length() - 1, LEAST.bit_length() - 2, -1)]
-    return [size for size in sizes if size > least] + [max(least, LEAST)]
+    least, size = max(least_size(faces), _power_of_two(min(LEAST, most))), _power_of_two(most)
+    sizes = []
+    while size > least:
+        sizes.append(size)
+        size //= 2
+    return [*sizes, least]
+
+
+def _power_of_two(number: float) -> int:
+    return 1 << (math.ceil(number) - 1).bit_length()
 
 
 def _stretching(matrix: np.ndarray) -> float:
