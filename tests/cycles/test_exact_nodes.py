@@ -56,10 +56,15 @@ def baked() -> tuple[np.ndarray, tuple[str, ...]]:
     outline, _, arrays, _ = read_scene(scene, scene.view_layers[0], OPTIONS, size=(PIXELS, PIXELS))
     shown = next(instance for instance in outline.instances if instance.name == "Card")
     material = outline.materials[shown.materials[0]]
-    if material.emission_image is None:
-        return np.broadcast_to(material.emission, (PIXELS, PIXELS, 3)), outline.warnings
     ticks = (np.arange(PIXELS) + 0.5) / PIXELS
     x, y = np.meshgrid(ticks, ticks)
+    if material.emission_image is None:
+        found = np.broadcast_to(material.emission, (PIXELS, PIXELS, 3))
+        if material.emission_corners:  # of two triangles, from the first corner to the third
+            of_third, of_second, of_fourth = np.minimum(x, y), np.maximum(x - y, 0), np.maximum(y - x, 0)
+            weights = [1.0 - of_third - of_second - of_fourth, of_second, of_third, of_fourth]
+            found = found * np.einsum("kyx,kc->yxc", weights, arrays.meshes[shown.mesh].corner_colours)
+        return found, outline.warnings
     weights = np.stack([(1 - x) * (1 - y), x * (1 - y), x * y, (1 - x) * y], axis=-1).reshape(-1, 4)
     uvs = (weights @ arrays.meshes[shown.mesh].corner_uvs).astype(np.float32)
     found = bilinear(arrays.textures[material.emission_image], uvs)
