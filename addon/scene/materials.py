@@ -225,7 +225,10 @@ class _Maker:
             return Product(), closure.metallic.number()
         dielectric = complement(closure.metallic)
         value = product(base.value, dielectric)
-        return self._product(value, METALLIC, "0 is used", dielectric) or Product(), 0.0
+        found = self._product(value, METALLIC, "0 is used", dielectric)
+        if found is None:
+            self.unread[METALLIC] = None
+        return found or Product(), 0.0
 
     def _product(self, value: Value, use: str, instead: str, of: Value | None = None) -> Product | None:
         """A colour as a product; None, with a warning, for one that is not read. `of`: the part of it to

@@ -54,9 +54,9 @@ emission are read of all nodes, but for these, which stay as they are without it
   Camera coordinates), on other objects (Ambient Occlusion but for Only Local), or on what is no mesh;
 - what tells the instances of one instancer apart (Object Info, the world's place), and attributes of objects,
   instancers and view layers;
-- hair and points; base colour and emission of a material whose opacity is read without baking, and has a
-  picture of its own that would get coarser; displacement; metallic where
-  nothing else of the material is baked.
+- hair and points; base colour, metallic and emission of a material whose opacity is read without baking and
+  has a picture of its own, or metallic where the base colour has: that would get coarser;
+- displacement.
 
 How that is done:
 

@@ -22,6 +22,7 @@ from strata.addon.scene.exact.upstream import upstream_of
 from strata.addon.scene.nodes.graph import Graph
 from strata.tests.support.cycles_card import card_scene, rendered
 from strata.tests.support.procedural import card, clear_by, coordinates, floor_scene, noise
+from strata.tests.support.random_nodes import float_image
 
 OPTIONS = Options(("soft_shadow",), "cpu", samples=1, probes=0, read="exact")
 
@@ -358,6 +359,26 @@ def test_what_glows_by_a_noise_is_in_the_composite(tmp_path):
     np.testing.assert_allclose(baked.composite[..., :3], seen, atol=0.03)
     fast = bake(scene, scene.view_layers[0], replace(options, read="fast"), size=(24, 24))
     assert np.abs(fast.composite[..., 0] - seen[..., 0]).max() > 0.9
+
+
+def test_a_metal_by_a_noise_is_baked_unless_a_picture_would_get_coarser():
+    scene = floor_scene()
+    material = bpy.data.materials.new("Floor")
+    tree = material.node_tree
+    tree.links.new(noise(tree), tree.nodes["Principled BSDF"].inputs["Metallic"])
+    scene.objects["Floor"].data.materials.append(material)
+    card(bpy.data.materials.new("Card"))
+    outline, _, arrays, _ = read(scene)
+    assert outline.baked[0].startswith("material 'Floor': metallic baked by Blender")
+    (index,) = {each.diffuse_image for each in outline.materials} - {None}
+    # Of a base colour of 0.8 what is no metal.
+    assert np.ptp(arrays.textures[index][..., 0]) == pytest.approx(0.8, abs=0.01)
+    texture = tree.nodes.new("ShaderNodeTexImage")
+    texture.image = float_image("Floor", 8, 1)
+    tree.links.new(texture.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    outline, *_ = read(scene)
+    assert not outline.baked
+    assert outline.warnings == ("material 'Floor': node 'Noise Texture' is not read for metallic, 0 is used",)
 
 
 # The cache

@@ -277,9 +277,13 @@ class ExactScan:
     @staticmethod
     def is_for(read: ReadMaterial) -> bool:
         """Whether a material is to be read exactly. One whose opacity is read well is not for its colours'
-        sake: all its pictures would lie where things are baked, and be coarser."""
-        opacities = read.material.opacities
-        return OPACITY in read.unread or (bool(read.unread) and all(each.is_uniform for each in opacities))
+        sake, nor a base colour for metallic's: all pictures would lie where things are baked, and be
+        coarser."""
+        if OPACITY in read.unread or not read.unread:
+            return OPACITY in read.unread
+        if any(not each.is_uniform for each in read.material.opacities):
+            return False
+        return set(read.unread) != {METALLIC} or read.material.base_color_image is None
 
     def needed(self, graph: Graph, outline: Outline) -> list[Part]:
         """Those of which a plan reads anything that is baked, with that alone."""
