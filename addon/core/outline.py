@@ -279,7 +279,8 @@ class Mesh:
 @dataclass(frozen=True)
 class Instance:
     """One appearance of a mesh. `matrix` is object to world, 4 rows of 4; `object_id` is the same for all
-    parts and instances that one object of the scene makes. With a `medium` it is that, and no surface."""
+    parts and instances that one object of the scene makes. With a `medium` it is that, and no surface.
+    `terminator_offset`: its object's geometry offset of the shadow terminator, a cosine; 0 of a flat one."""
 
     name: str
     mesh: int
@@ -292,6 +293,7 @@ class Instance:
     is_holdout: bool = False
     medium: Medium | None = None
     own_settings: OwnSettings = ()
+    terminator_offset: float = 0.0
 
 
 class Instances(tuple[Instance, ...]):

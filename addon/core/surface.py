@@ -26,6 +26,9 @@ ATTRIBUTES = {
     "position": Attribute(np.float32, 3),  # metres, relative to the eye, world axes
     "geometric_normal": Attribute(np.float32, 3),
     "shading_normal": Attribute(np.float32, 3, wants="corner_normals", corners="corner_normals"),
+    # Metres, world axes: from a smooth triangle to the surface that its corners' normals tell of, on the side
+    # of the geometric normal. Rays of shadows begin there near the terminator.
+    "terminator_lift": Attribute(np.float32, 3, wants="corner_normals", corners="corner_normals"),
     "depth": Attribute(np.float32, miss=np.inf),  # metres along the view's forward axis
     "uv": Attribute(np.float32, 2, wants="uv", corners="corner_uvs"),
     "corner_colour": Attribute(np.float32, 3, wants="corner_colour", corners="corner_colours"),
@@ -97,9 +100,11 @@ class Chunk:
 @dataclass(frozen=True)
 class SurfacePoints:
     """Some shading points. `position` (N, 3) float32 relative to `eye` (3,) float64, metres;
-    `geometric_normal`, `shading_normal` (N, 3) float32, unit, facing the viewer."""
+    `geometric_normal`, `shading_normal` (N, 3) float32, unit, facing the viewer; `lifts` (N, 4) float32 where
+    rays of shadows begin (effects/shared/terminator.py), None: at the points."""
 
     position: np.ndarray
     geometric_normal: np.ndarray
     shading_normal: np.ndarray
     eye: np.ndarray
+    lifts: np.ndarray | None = None

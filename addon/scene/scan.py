@@ -139,6 +139,7 @@ class _Scanner:
     shown: dict[int, bool] = field(default_factory=dict)
     edited_meshes: dict[int, bpy.types.Mesh] = field(default_factory=dict)
     catchers: set[str] = field(default_factory=set)
+    with_shading_offset: set[str] = field(default_factory=set)
     warnings: dict[str, bool] = field(default_factory=dict)
 
     def __post_init__(self):
@@ -234,6 +235,9 @@ class _Scanner:
         if objects := named(names & self.catchers, "shadow catcher"):
             light = "Cycles' passes of light, which layers are multiplied onto, have none of it"
             yield Missing(f"{objects}: layers take it for a surface like any other, and {light}")
+        if objects := named(names & self.with_shading_offset, "object"):
+            offset = "the shadow terminator's shading offset is not read"
+            yield Missing(f"{objects}: {offset}, their light is taken to be as without it")
 
     # Meshes
 
@@ -304,6 +308,8 @@ class _Scanner:
         is_surface = any(material.has_surface for material in materials)
         if shown.is_shadow_catcher or owner.is_shadow_catcher:
             self.catchers.add(shown.name)
+        if shown.shadow_terminator_shading_offset > 0.0:
+            self.with_shading_offset.add(shown.name)
         return {
             "name": shown.name,
             "mesh": mesh,
@@ -321,6 +327,7 @@ class _Scanner:
             or owner.holdout_get(view_layer=view_layer)
             or (is_surface and all(material.is_holdout for material in materials)),
             "own_settings": own_settings_of(shown, "Object"),
+            "terminator_offset": shown.shadow_terminator_geometry_offset if _is_smooth(data) else 0.0,
         }
 
     def _finished_instances(self) -> Instances:
@@ -349,3 +356,8 @@ class _Scanner:
         # Known already: of many instances they take long to be made again.
         made.matrices, made.boxes = matrices, np.stack([centres - extents, centres + extents], axis=1)
         return made
+
+
+def _is_smooth(data: Data) -> bool:
+    """Whether it has faces that are shaded smooth. Cycles' curves and points are no triangles."""
+    return isinstance(data, bpy.types.Mesh) and data.normals_domain != "FACE"

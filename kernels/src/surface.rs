@@ -13,6 +13,7 @@ pub struct Attributes<T3, T2, T1, I> {
     pub geometric_normal: Option<T3>,
     pub shading_normal: Option<T3>,
     pub corner_colour: Option<T3>,
+    pub terminator_lift: Option<T3>,
     pub uv: Option<T2>,
     pub depth: Option<T1>,
     pub object_id: Option<I>,
@@ -34,6 +35,7 @@ impl Images {
                 "geometric_normal" => images.geometric_normal = Some(vec![[0.0; 3]; count]),
                 "shading_normal" => images.shading_normal = Some(vec![[0.0; 3]; count]),
                 "corner_colour" => images.corner_colour = Some(vec![[0.0; 3]; count]),
+                "terminator_lift" => images.terminator_lift = Some(vec![[0.0; 3]; count]),
                 "depth" => images.depth = Some(vec![0.0; count]),
                 "uv" => images.uv = Some(vec![[0.0; 2]; count]),
                 "object_id" => images.object_id = Some(vec![0; count]),
@@ -68,6 +70,7 @@ impl Images {
             geometric_normal,
             shading_normal,
             corner_colour,
+            terminator_lift,
             uv,
             depth,
             object_id,
@@ -94,6 +97,7 @@ impl Images {
         give!(geometric_normal, Vec::into_flattened, [3]);
         give!(shading_normal, Vec::into_flattened, [3]);
         give!(corner_colour, Vec::into_flattened, [3]);
+        give!(terminator_lift, Vec::into_flattened, [3]);
         give!(uv, Vec::into_flattened, [2]);
         give!(depth, std::convert::identity, []);
         give!(object_id, std::convert::identity, []);

@@ -105,12 +105,6 @@ def alone(scene, lamp, samples, seed, size, filter_width=None, threads=2) -> lis
     settings = [(item, "hide_render", item != lamp) for item in lamps(scene)]
     settings += [(lamp, "visible_camera", False), (scene, "world", None)]
     settings += _emission_off()
-    # Visibility is by the geometry: rays start where the surface is.
-    settings += [
-        (item, f"shadow_terminator_{what}_offset", 0.0)
-        for item in bpy.data.objects
-        for what in ("geometry", "shading")
-    ]
     settings += exact(scene, samples, seed, size, threads)
     settings += [
         (scene.view_layers[0], "use_pass_diffuse_direct", True),

@@ -9,6 +9,7 @@ import numpy as np
 import strata_kernels
 from strata.addon.core.executor import Executor
 from strata.addon.core.sampling import Sampling
+from strata.addon.effects.shared import terminator
 from strata.tests.support.executing import drain
 
 from .scenes import Case
@@ -43,17 +44,19 @@ class Effect:
 
 @dataclass
 class Surface:
-    """The points of a frame's pixel centres, flat. `position` is relative to the case's eye."""
+    """The points of a frame's pixel centres, flat. `position` is relative to the case's eye; `lifts`: where
+    rays begin (effects/shared/terminator.py), None: there."""
 
     position: np.ndarray
     geometric_normal: np.ndarray
     shading_normal: np.ndarray
+    lifts: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.position)
 
     def __getitem__(self, chosen) -> Surface:
-        parts = (self.position, self.geometric_normal, self.shading_normal)
+        parts = (*self.points, *([] if self.lifts is None else [self.lifts]))
         return Surface(*(np.ascontiguousarray(part[chosen]) for part in parts))
 
     @property
@@ -63,13 +66,17 @@ class Surface:
 
 def surface_of(case: Case) -> tuple[Surface, np.ndarray]:
     """What the camera sees at pixel centres, and where that is anything, (height, width) bool."""
-    names = ["position", "geometric_normal", "shading_normal", "depth"]
+    names = ["position", "geometric_normal", "shading_normal", "depth", *terminator.READ]
     width, height = case.graph.shot.size
     everything = np.ones(len(case.outline.instances), np.uint8)
     found = strata_kernels.raster_surface(
         case.device.geometry(), everything, case.graph.shot.view.packed(), width, height, attributes=names
     )
-    return Surface(*(found[name].reshape(-1, 3) for name in names[:3])), np.isfinite(found["depth"])
+    offsets, lifts = terminator.offsets_of(case.outline), None
+    if offsets is not None:
+        lifts = terminator.lifts_of(found, offsets, np.arange(width * height))
+    points = (found[name].reshape(-1, 3) for name in names[:3])
+    return Surface(*points, lifts), np.isfinite(found["depth"])
 
 
 @dataclass
@@ -106,5 +113,5 @@ def traced(
     (layer,) = case.graph.layers
     emitter = case.outline.lights[layer.of.index].emitter
     return strata_kernels.ray_visibility(
-        accelerator, None, emitter.packed(), case.eye, *surface.points, samples, seed
+        accelerator, None, emitter.packed(), case.eye, *surface.points, samples, seed, lifts=surface.lifts
     )

@@ -24,6 +24,15 @@ class RandomMaterial:
         output = self._node("ShaderNodeOutputMaterial")
         self._link(self._surface(), output.inputs["Surface"])
 
+    def displace(self, scale: float) -> None:
+        """Moves vertices by an image, in metres."""
+        (output,) = (node for node in self.tree.nodes if node.type == "OUTPUT_MATERIAL")
+        node = self._node("ShaderNodeDisplacement")
+        node.inputs["Scale"].default_value = scale
+        self._link(self._image().outputs["Color"], node.inputs["Height"])
+        self._link(node.outputs[0], output.inputs["Displacement"])
+        self.material.displacement_method = "DISPLACEMENT"
+
     def _node(self, kind: str, tree=None, **values):
         node = (tree or self.tree).nodes.new(kind)
         for name, value in values.items():

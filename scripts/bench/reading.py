@@ -28,6 +28,7 @@ MAKERS = (
     partial(bpy.ops.mesh.primitive_uv_sphere_add, radius=0.6, segments=16, ring_count=10),
 )
 UNREADABLE = 0.25  # share of scenes with a material that nobody reads
+DISPLACED = 0.25  # share of things whose vertices their material moves
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ def build(seed: int) -> None:
     """A random scene in a new file."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene, chance = bpy.context.scene, random.Random(seed)
+    more = random.Random(f"{seed}, of objects and vertices")
     scene.render.engine = "CYCLES"
     bpy.ops.mesh.primitive_plane_add(size=30.0)
     unreadable = chance.random() < UNREADABLE
@@ -67,7 +69,11 @@ def build(seed: int) -> None:
         chance.choice(MAKERS)(location=place, rotation=turn)
         item = bpy.context.object
         paint(item.data, chance)
-        item.data.materials.append(RandomMaterial(chance, unreadable and number == 0).material)
+        made = RandomMaterial(chance, unreadable and number == 0)
+        item.data.materials.append(made.material)
+        item.shadow_terminator_geometry_offset = more.choice((0.0, 0.1, 0.1, 0.5))
+        if more.random() < DISPLACED:
+            made.displace(more.uniform(-0.2, 0.2))
         if chance.random() < 0.5:
             bpy.ops.object.shade_smooth()
     if chance.random() < 0.3:
@@ -170,7 +176,8 @@ def section(quick: bool) -> str:
         lines.append(["opacities", *_medians(unread), f"the interval holds {holds:.0f}%"])
     text = (
         f"{count} random scenes of cards, grids, boxes and spheres whose materials are wired at random "
-        "from what Strata reads (in a quarter of the scenes also from what it does not), of hair and "
+        "from what Strata reads (in a quarter of the scenes also from what it does not) and move vertices of "
+        "a quarter of the things, with shadow terminator offsets of 0, .1 and .5, of hair and "
         f"point clouds, under lamps of all types; {SIZE[0]}x{SIZE[1]}, 16 samples, hybrid, 1024 probes. "
         "Each layer is held against Cycles, as `--audit` does it."
     )

@@ -89,7 +89,7 @@ def test_the_reference_is_what_cycles_renders(courtyard, name, share, rmse):
     emitter = case.outline.lights[layer.of.index].emitter
     casters = case.device.instance_mask(layer.casters)
     rays = CpuRays(strata_kernels.Accel(case.device.geometry(), case.eye, casters), case.eye)
-    points = SurfacePoints(*surface.points, case.eye)
+    points = SurfacePoints(*surface.points, case.eye, surface.lifts)
     halves, irradiance = evaluate(rays, emitter, None, points, samples=16, seed=5)
     truth, noise = halves.mean(axis=1), 0.5 * (halves[:, 0] - halves[:, 1])
     judge = Judge.of(scene, name)

@@ -187,6 +187,10 @@ def test_surfaces_of_a_scene_agree(offset, orthographic):
     assert (cpu["corner_colour"][(cpu["instance"] == 0)] == 1.0).all()
     assert np.abs(cpu["shading_normal"] - gpu["shading_normal"])[same].max() < 2e-4
     assert np.abs(cpu["geometric_normal"] - gpu["geometric_normal"])[same].max() < 2e-5
+    # Weights, as good, times the bend of a triangle, which is some hundredths of a metre high.
+    lifts = np.linalg.norm(cpu["terminator_lift"], axis=-1)
+    assert 2e-3 < lifts[same].max() < 0.1
+    assert np.abs(cpu["terminator_lift"] - gpu["terminator_lift"])[same].max() < 2e-5
 
 
 def test_holdouts_hide_and_show_nothing():

@@ -155,6 +155,7 @@ def test_a_moved_light_runs_its_own_maps_only(still):
     assert still.edited(move) == {
         "layered_depth": 1,
         "soft_shadow/prepare": 1,
+        "soft_shadow/raised": 1,
         "soft_shadow/backproject": 1,
         "soft_shadow/visibility": 1,
         "irradiance": 1,

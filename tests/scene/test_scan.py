@@ -381,3 +381,34 @@ def test_an_empty_scene(scene):
     outline, arrays = read(scene)
     assert (outline.instances, outline.lights) == ((), ())
     assert arrays.matrices.shape == (0, 4, 4)
+
+
+def test_terminator_offsets_are_those_of_smooth_faces(scene):
+    """Of an object's own, also where an empty instances it; flat faces have none in Cycles."""
+    for name, smooth, offset in (("Flat", False, 0.3), ("Smooth", True, 0.3), ("None", True, 0.0)):
+        made = cube(name)
+        made.shadow_terminator_geometry_offset = offset
+        made.data.polygons[0].use_smooth = smooth
+    parts = bpy.data.collections.new("Parts")
+    cube("Part", parts)
+    bpy.data.objects["Part"].data.shade_smooth()
+    empty = bpy.data.objects.new("Empty", None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", parts
+    empty.shadow_terminator_geometry_offset = 0.7
+    scene.collection.objects.link(empty)
+    outline, _ = read(scene)
+    found = {each.name: each.terminator_offset for each in outline.instances}
+    assert found == {
+        "Flat": 0.0,
+        "Smooth": pytest.approx(0.3),
+        "None": 0.0,
+        "Part": pytest.approx(0.1),  # Blender's default
+    }
+
+
+def test_shading_offsets_are_told(scene):
+    cube("Plain")
+    cube("Shifted").shadow_terminator_shading_offset = 0.2
+    outline, _ = read(scene)
+    (line,) = (line for line in outline.warnings if "shading offset" in line)
+    assert line.startswith("object 'Shifted': ")

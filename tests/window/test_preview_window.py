@@ -39,7 +39,7 @@ def check_preview(gpu_backend, backend, source, screen, tmp_path):
     maps = {"layered_depth": 1, "soft_shadow/prepare": 1}
     lit = {"soft_shadow/backproject": 1, "soft_shadow/visibility": 1, "composite": 1}
     assert found["idle"] == {}
-    assert found["light"] == {**maps, **lit, "irradiance": 1}
+    assert found["light"] == {**maps, **lit, "soft_shadow/raised": 1, "irradiance": 1}
     assert maps.keys().isdisjoint(found["camera"])
     assert found["camera"]["surface"] == 1
     assert found["slider"] == lit

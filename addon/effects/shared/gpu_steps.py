@@ -77,8 +77,9 @@ def raster_variant(shader: Shader, orthographic: bool, is_tested: bool, by_corne
 def surface_variant(attributes: tuple[str, ...], orthographic: bool, has_holes: bool = False) -> Shader:
     """The program that writes these attributes, at most IMAGES_AT_ONCE."""
     carried = {name: ATTRIBUTES[name] for name in attributes}
-    tables = [(each.corners, "FLOAT_2D") for each in carried.values() if each.corners]
-    samplers = (*SURFACE.samplers, *tables, *([("holdouts", "FLOAT_2D")] * has_holes))
+    tables = dict.fromkeys(each.corners for each in carried.values() if each.corners)
+    names = (*tables, *(["holdouts"] if has_holes else []))
+    samplers = (*SURFACE.samplers, *((name, "FLOAT_2D") for name in names))
     formats = {1: "R32F", 2: "RG32F", 3: "RGBA32F"}
     images = tuple(
         (f"{name}_out", formats[each.channels] if each.dtype == np.float32 else "R32UI", "WRITE")

@@ -15,14 +15,18 @@ from ...core.random import hash_bits
 from ...core.roles import PRODUCT, Of, Role
 from ...core.surface import SurfacePoints
 from ...core.view_rays import ViewRays
-from . import lit
+from . import lit, terminator
 
 
-def points_of(view_rays: ViewRays, chosen: np.ndarray) -> SurfacePoints:
+def points_of(outline: Outline, view_rays: ViewRays, chosen: np.ndarray) -> SurfacePoints:
     """Where the view rays `chosen` (an index) meet a surface."""
     names = "position", "geometric_normal", "shading_normal"
-    arrays = (np.ascontiguousarray(view_rays.surface[name][chosen]) for name in names)
-    return SurfacePoints(*arrays, np.array(view_rays.shot.origin))
+    surface = view_rays.surface
+    arrays = (np.ascontiguousarray(surface[name][chosen]) for name in names)
+    lifts, offsets = None, terminator.offsets_of(outline)
+    if offsets is not None and "terminator_lift" in surface:
+        lifts = terminator.lifts_of(surface, offsets, chosen)
+    return SurfacePoints(*arrays, np.array(view_rays.shot.origin), lifts)
 
 
 def unshadowed(rays: RayCaster, emitter: Emitter, points: SurfacePoints) -> np.ndarray:
@@ -70,7 +74,7 @@ def of_lamp(rays: RayCaster, outline: Outline, light: Light, view_rays: ViewRays
     hit = np.flatnonzero(hit)
     if not len(hit) or light.is_dark:
         return result
-    sent = unshadowed(rays, light.emitter, points_of(view_rays, hit))
+    sent = unshadowed(rays, light.emitter, points_of(outline, view_rays, hit))
     albedo = diffuse_albedo(rays, outline, {name: array[hit] for name, array in surface.items()})
     radiance = np.abs(albedo * sent[:, None].astype(np.float64) * lit.brightness(light) / np.pi)
     result[hit] = np.nan_to_num(radiance, nan=0.0, posinf=0.0)

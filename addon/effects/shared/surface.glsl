@@ -115,7 +115,11 @@ vec3 weights_of(Hit hit, Ray ray)
   return inside ? weights : nearest_on_outline(hit, ray);
 }
 
-#if defined(GEOMETRIC_NORMAL) || defined(SHADING_NORMAL)
+#if defined(GEOMETRIC_NORMAL) || defined(SHADING_NORMAL) || defined(TERMINATOR_LIFT)
+#define NORMALS
+#endif
+
+#ifdef NORMALS
 vec3 outward_normal(Hit hit, uint first_vertex)
 {
   uvec3 vertices = uvec3(texelFetch(triangles, table_texel(hit.row), 0).xyz) + first_vertex;
@@ -126,6 +130,36 @@ vec3 outward_normal(Hit hit, uint first_vertex)
 }
 #endif
 
+#ifdef TERMINATOR_LIFT
+// The way from the point to the surface that the corners' normals tell of: kernels/src/raster/lift.rs.
+vec3 lift_of(Hit hit, uint first_vertex, vec3 weights, vec3 facing)
+{
+  uvec3 vertices = uvec3(texelFetch(triangles, table_texel(hit.row), 0).xyz) + first_vertex;
+  vec3 corners[3], normals[3];
+  for (uint i = 0u; i < 3u; i++) {
+    corners[i] = local_position(vertices[i]);
+    normals[i] = texelFetch(corner_normals, table_texel(3u * hit.row + i), 0).xyz;
+  }
+  vec3 normal = turned(hit.instance, 0u, normals[0] * weights.x + normals[1] * weights.y + normals[2] * weights.z);
+  float side = dot(normal, facing) > 0.0 ? 1.0 : -1.0;
+  mat3 above; // of corner j over the plane of corner i: above[i][j]
+  for (int i = 0; i < 3; i++) {
+    for (int j = 0; j < 3; j++) {
+      above[i][j] = side * dot(corners[j] - corners[i], normals[i]);
+    }
+  }
+  float planes = INFINITE, parabola = 0.0;
+  for (int i = 0; i < 3; i++) {
+    float highest = max(max(above[i].x, above[i].y), max(above[i].z, 0.0));
+    planes = min(planes, max(highest - dot(weights, above[i]), 0.0)); // rounding may make it less
+    for (int j = 0; j < i; j++) {
+      parabola -= 0.5 * weights[i] * weights[j] * (above[i][j] + above[j][i]);
+    }
+  }
+  return normal * (side * max(planes, parabola));
+}
+#endif
+
 void main()
 {
   ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
@@ -133,7 +167,7 @@ void main()
     return;
   }
   uvec2 ids = texelFetch(nearest, pixel, 0).xy;
-  vec3 place = vec3(0.0), facing = vec3(0.0), shaded = vec3(0.0);
+  vec3 place = vec3(0.0), facing = vec3(0.0), shaded = vec3(0.0), lift = vec3(0.0);
   vec2 at = vec2(0.0);
   vec3 carried = vec3(0.0);
   float along = INFINITE;
@@ -148,7 +182,7 @@ void main()
     vec3 weights = weights_of(hit, ray);
     place = hit.corners[0] + hit.sides[0] * weights.y + hit.sides[1] * weights.z;
     along = dot(place, params.forward.xyz);
-#if defined(GEOMETRIC_NORMAL) || defined(SHADING_NORMAL)
+#ifdef NORMALS
     vec3 towards = normalised(-ray.direction, vec3(0.0, 0.0, 1.0));
     vec3 outward = normalised(outward_normal(hit, first_vertex), towards);
     float turn = dot(outward, ray.direction) > 0.0 ? -1.0 : 1.0;
@@ -161,6 +195,9 @@ void main()
     }
     float side = matrix_row(instance, 3u).w * turn;
     shaded = normalised(turned(instance, 3u, smooth_normal) * side, facing);
+#endif
+#ifdef TERMINATOR_LIFT
+    lift = lift_of(hit, first_vertex, weights, facing);
 #endif
 #ifdef UV
     for (uint i = 0u; i < 3u; i++) {
@@ -179,7 +216,7 @@ void main()
 #ifdef HOLDOUTS
     // A hole: but for depth as where there is nothing.
     if (texelFetch(holdouts, table_texel(instance), 0).r > 0.0) {
-      place = facing = shaded = carried = vec3(0.0);
+      place = facing = shaded = lift = carried = vec3(0.0);
       at = vec2(0.0);
       object = which = of_mesh = made_of = -1;
     }
@@ -193,6 +230,9 @@ void main()
 #endif
 #ifdef SHADING_NORMAL
   imageStore(shading_normal_out, pixel, vec4(shaded, 0.0));
+#endif
+#ifdef TERMINATOR_LIFT
+  imageStore(terminator_lift_out, pixel, vec4(lift, 0.0));
 #endif
 #ifdef DEPTH
   imageStore(depth_out, pixel, vec4(along));

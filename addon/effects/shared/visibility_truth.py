@@ -34,10 +34,10 @@ def evaluate(
     """Two independent estimates of V, (N, 2) float64, and the weight of each point, (N,) float64.
 
     V = integral of T * L * cos+ * G dA / integral of L * cos+ * G dA (docs/accuracy.md), T what gets through
-    on the way: directions at or below the geometric horizon are in shadow, the cosine is the shading
-    normal's, V is 1 where no light could arrive. The weight is the unshadowed irradiance at radiance 1. Each
-    estimate takes `samples` rays, best a product of two similar numbers; half the mean square of their
-    difference is the variance of one.
+    on the way: directions at or below the geometric horizon are in shadow, unless rays begin above the
+    surface (`points.lifts`), the cosine is the shading normal's, V is 1 where no light could arrive. The
+    weight is the unshadowed irradiance at radiance 1. Each estimate takes `samples` rays, best a product of
+    two similar numbers; half the mean square of their difference is the variance of one.
     `casters` (instances,) uint8 can shadow it, None: everything.
     """
     generator = np.random.Generator(np.random.PCG64(seed))
@@ -64,6 +64,7 @@ def screened(
         points.geometric_normal,
         points.shading_normal,
         seed,
+        lifts=points.lifts,
         cancel=rays.cancel_flag,
     )
 
@@ -74,7 +75,10 @@ def truth(rays, outline, layer, layers, casters, view_rays, samples, seed):
     light = light_truth.before(rays, outline, layer, layers, view_rays, seed)
     values, lit = np.ones((2 if samples > 1 else 1, len(view_rays), 1)), np.flatnonzero(light.any(axis=1))
     if len(lit) and samples:
-        points, emitter = light_truth.points_of(view_rays, lit), outline.lights[layer.of.index].emitter
+        points, emitter = (
+            light_truth.points_of(outline, view_rays, lit),
+            outline.lights[layer.of.index].emitter,
+        )
         if samples == 1:
             values[0, lit, 0] = screened(rays, emitter, casters, points, seed)[:, 0]
         else:
@@ -108,11 +112,20 @@ def _evaluate(rays, emitter, casters, points, part, samples, generator):
         weight *= radiance
     weight = np.where(valid & np.isfinite(weight), weight, 0.0)
 
-    traced = (_dot(direction, geometric_normal) > 0.0) & (weight > 0.0)
-    origins = _by_point(world.T - rays.origin)
+    above = _dot(direction, geometric_normal)
+    traced = (above > 0.0) & (weight > 0.0)
+    origins = np.repeat(_by_point(world.T - rays.origin), 2 * samples, axis=0)
+    if points.lifts is not None:
+        lift = away(points.lifts[part], above, _dot(direction, shading_normal))
+        traced = (traced | lift.any(0)) & (weight > 0.0)
+        origins = origins + _by_point(lift.T).reshape(-1, 3)
+        is_near = np.isfinite(distance)
+        spoke = direction * np.where(is_near, distance, 1.0) - np.where(is_near, lift, 0.0)
+        length = np.maximum(_length(spoke), 1e-30)
+        direction, distance = spoke / length, np.where(is_near, length, distance)
     through = rays.transmittance(
         casters,
-        np.repeat(origins, 2 * samples, axis=0),
+        origins,
         _by_point(direction.T).reshape(-1, 3),
         _by_point(np.where(traced, distance, 0.0).T).reshape(-1),
     )
@@ -121,6 +134,19 @@ def _evaluate(rays, emitter, casters, points, part, samples, generator):
     total = weight.reshape(2, samples, -1).sum(1)
     lit = total > 0.0
     return np.where(lit, arrives / np.where(lit, total, 1.0), 1.0).T, total.sum(0) / (2 * samples)
+
+
+def away(lifts: np.ndarray, above: np.ndarray, lit: np.ndarray) -> np.ndarray:
+    """(3, 2 S, N): how far from points with these `lifts` (N, 4) rays begin, by the cosines (2 S, N) to the
+    geometric and to the shading normal, as in Cycles: all of the way below the geometric horizon, less and
+    less above."""
+    way, offset = lifts[:, :3].T.astype(np.float64), lifts[:, 3].astype(np.float64)
+    there = (offset > 0.0) & np.isfinite(way).all(0)
+    offset = np.where(there, offset, 1.0)
+    steep = 1.0 - above / offset
+    grazing = 2.0 - (above + lit) / offset
+    share = np.where(lit < offset, grazing, steep).clip(0.0, 1.0)
+    return np.where(there, way, 0.0)[:, None] * share
 
 
 def _by_point(values: np.ndarray) -> np.ndarray:

@@ -72,6 +72,20 @@ RECEIVERS = Shader(
     params=("size",),
 )
 
+RAISED = Shader(
+    f"{FOLDER}/raised.glsl",
+    samplers=(
+        ("position", "FLOAT_2D"),
+        ("geometric_normal", "FLOAT_2D"),
+        ("shading_normal", "FLOAT_2D"),
+        ("terminator_lift", "FLOAT_2D"),
+        ("instance", "UINT_2D"),
+        ("offsets", "FLOAT_2D"),
+    ),
+    images=(("raised_position", "RGBA32F", "WRITE"), ("raised_normal", "RGBA32F", "WRITE")),
+    params=("size", "light", "spread"),
+)
+
 
 def _map_variant(shader: Shader, orthographic: bool) -> Shader:
     return shader.defining("ORTHOGRAPHIC") if orthographic else shader
@@ -129,7 +143,7 @@ def _backproject_variant(defines: tuple[str, ...], method: str, interpolates: bo
 
 def variants() -> Iterator[Shader]:
     """Every program that these steps may compile."""
-    yield from (COARSER, PYRAMID, BLOCKS, FIRST_ROWS, RECEIVERS)
+    yield from (COARSER, PYRAMID, BLOCKS, FIRST_ROWS, RECEIVERS, RAISED)
     for orthographic in (False, True):
         yield _map_variant(PREPARE, orthographic)
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))
@@ -310,6 +324,30 @@ def receivers(device, surface, visibility, receivers: frozenset[int]):
     device.dispatch(RECEIVERS, size, {"result": result}, samplers, {"size": size})
     device.release(table)
     return result
+
+
+def raised(device, surface, eye, emitter: Emitter, offsets: np.ndarray):
+    """A surface: its points as the kernel raises them."""
+    names = "position", "geometric_normal", "shading_normal", "terminator_lift", "instance"
+    shape = surface["position"].shape
+    size = shape[1::-1]
+    table = device.upload_table(offsets[:, None])
+    images = {name: device.new_image(shape) for name in ("raised_position", "raised_normal")}
+    is_distant = emitter.kind == EmitterKind.DISTANT_DISK
+    light = -np.array(emitter.forward) if is_distant else np.array(emitter.centre) - np.array(eye)
+    half_height = 0.0 if emitter.kind in ROUND_KINDS else emitter.half_height
+    spread = (
+        emitter.half_width if is_distant else math.sqrt(2.0) * math.hypot(emitter.half_width, half_height)
+    )
+    params = {"size": size, "light": light.tolist(), "spread": (spread, float(is_distant))}
+    samplers = {name: surface[name] for name in names} | {"offsets": table}
+    device.dispatch(RAISED, size, images, samplers, params)
+    device.release(table)
+    return {
+        "position": images["raised_position"],
+        "geometric_normal": images["raised_normal"],
+        "shading_normal": surface["shading_normal"],
+    }
 
 
 def _first_rows(device):

@@ -23,6 +23,7 @@ from ...core.random import hash_bits
 from ...core.recorder import Recorder
 from ...core.roles import Of
 from ..shared import steps as shared
+from ..shared import terminator
 from . import close_casters, steps
 from .params import Method, SoftShadowParams
 from .views import AROUND, ROUND_KINDS, distances_of_boxes, light_views, reaching_out_of, share_axes, too_far
@@ -115,8 +116,13 @@ def _record_light(recorder, outline, params, index, casters, receivers) -> Node:
     params = light.params_for("soft_shadow", params)
     if not params.rays and params.method == Method.HYBRID:
         params = replace(params, method=Method.BITMASK)
-    attributes = steps.POINTS if light.receivers is None else (*steps.POINTS, "instance")
-    surface = shared.surface(recorder, outline, *attributes)
+    offsets = terminator.offsets_of(outline, recorder.shot)
+    attributes = {*steps.POINTS, *(terminator.READ if offsets is not None else ())}
+    attributes.update(() if light.receivers is None else ("instance",))
+    surface = points = shared.surface(recorder, outline, *attributes)
+    if offsets is not None:
+        of_light = {"eye": recorder.shot.origin, "emitter": light.emitter}
+        points = recorder.step(steps.RAISED, surface, instance=light.name, **of_light, offsets=offsets)
     away = _distances(outline, light.emitter, casters)
     close = _close_casters(params, light.emitter, casters, away)
     is_looked_at = recorder.shot.seen is not None and light.emitter.kind == EmitterKind.DISTANT_DISK
@@ -164,7 +170,7 @@ def _record_light(recorder, outline, params, index, casters, receivers) -> Node:
     def backproject(maps: list[Node], tables: list[Node], method: Method, leave_edges: bool) -> Node:
         return recorder.step(
             steps.BACKPROJECT if spacing == 1 else steps.SPACED_BACKPROJECT,
-            surface,
+            points,
             *maps,
             *tables,
             instance=light.name,
@@ -203,6 +209,7 @@ def _record_light(recorder, outline, params, index, casters, receivers) -> Node:
             method=params.method.value,
             rays=params.rays,
             seed=int(hash_bits(recorder.shot.seed, outline.frame, index)),
+            offsets=offsets,
         )
     visibility = recorder.step(steps.VISIBILITY, shadow, instance=light.name)
     if light.receivers is not None:

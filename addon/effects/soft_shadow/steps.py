@@ -9,6 +9,7 @@ from ...core.outline import Outline
 from ...core.random import hash_bits
 from ...core.surface import Chunk
 from ..shared.membership import belong
+from ..shared.terminator import lifts_of
 from . import close_casters, gpu_steps
 from .params import Method
 
@@ -94,7 +95,9 @@ def _close_casters(device, *depths, emitter, view):
     return close_casters.table(device, depths, emitter, view)
 
 
-def _rays(device, surface, shadow, accelerator, eye, emitter, casters, method, rays, seed, chunk):
+def _rays(
+    device, surface, shadow, accelerator, eye, emitter, casters, method, rays, seed, chunk, offsets=None
+):
     visibility = shadow["visibility"].copy()
     close = max(rays, CLOSE_RAYS // chunk.samples, FEWEST_CLOSE_RAYS)
     unsure = rays if method == Method.HYBRID.value else -(-rays // EDGE_SHARE)
@@ -103,6 +106,7 @@ def _rays(device, surface, shadow, accelerator, eye, emitter, casters, method, r
         if not len(chosen):
             continue
         points = [np.ascontiguousarray(surface[name].reshape(-1, 3)[chosen]) for name in POINTS]
+        lifts = None if offsets is None else lifts_of(surface, offsets, chosen)
         # Pixels and samples are told apart, whatever the tiles and the device.
         sample_seed = int(hash_bits(seed, chunk.sample))
         numbers = chunk.numbers(chosen)
@@ -115,10 +119,25 @@ def _rays(device, surface, shadow, accelerator, eye, emitter, casters, method, r
             count,
             sample_seed,
             numbers,
+            lifts,
             cancel=device.cancel_flag,
         )
         visibility.reshape(-1)[chosen] = traced
     return {"visibility": visibility, "uncertain": shadow["uncertain"]}
+
+
+def _raised(device, surface, eye, emitter, offsets):
+    position, geometric_normal = device.kernels.soft_shadow_raised(
+        *(surface[name] for name in POINTS),
+        surface["terminator_lift"],
+        surface["instance"],
+        offsets,
+        eye,
+        emitter.packed(),
+        cancel=device.cancel_flag,
+    )
+    shading_normal = surface["shading_normal"]
+    return dict(zip(POINTS, (position, geometric_normal, shading_normal), strict=True))
 
 
 def _visibility(device, shadow):
@@ -163,6 +182,8 @@ SPACED_BACKPROJECT = Step(
 CLOSE_CASTERS = Step("soft_shadow/close_casters", cpu=_close_casters, hole="a table of a thousand entries")
 # Leaves the points behind what is partly opaque to rays, which multiply what gets through.
 LEAVE_PARTIAL = Step("soft_shadow/leave_partial", cpu=_leave_partial, hole="rays follow, on the CPU")
+# Points near the terminator of smooth surfaces as rays of their shadows leave them: maps are asked there.
+RAISED = Step("soft_shadow/raised", cpu=_raised, gpu=gpu_steps.raised, ordinary_seconds=10e-9)
 # Rays for the points that the map is unsure of.
 RAYS = Step(
     "soft_shadow/rays",

@@ -17,7 +17,7 @@ from ...core.outline import Outline
 from ...core.shot import Raster
 from ...core.surface import SurfacePoints
 from ...core.view_rays import ViewRays
-from ..shared import light_truth, lit, visibility_truth
+from ..shared import light_truth, lit, terminator, visibility_truth
 from .hull_rays import HullRays
 from .object_settings import excluded_instances, settings_of
 from .params import NO_FADE, Anchor, Light, Mix, Normals, ShadowEdge, ToonParams
@@ -101,7 +101,7 @@ def _light(rays: RayCaster, outline: Outline, params: ToonParams, seen: ViewRays
     light, full = np.zeros(len(seen)), np.zeros(len(seen))
     normals = _normals(params, surface)[found]
     world = seen.origins[found] + seen.distances[found, None] * seen.directions[found]
-    at = _points(seen, found, world)
+    at = _points(outline, params, seen, found, world)
     for index, lamp in enumerate(outline.lights):
         power = max(float(np.dot((0.2126, 0.7152, 0.0722), lamp.intensity)), 0.0)
         if power <= 0.0 or (params.key_light and not lamp.is_called(params.key_light)):
@@ -145,13 +145,18 @@ def _facing(lamp: Lamp, power: float, world: np.ndarray, normals: np.ndarray):
     return power / distance**2, share
 
 
-def _points(seen: ViewRays, found, world: np.ndarray) -> SurfacePoints:
-    """The points `found`, which lie at `world`; a normal that the graph did not ask for is the other one."""
+def _points(outline: Outline, params, seen: ViewRays, found, world: np.ndarray) -> SurfacePoints:
+    """The points `found`, which lie at `world`; a normal that the graph did not ask for is the other one.
+    Hard shadows of flat normals begin at the surface."""
     surface, eye = seen.surface, np.array(seen.shot.origin)
     other = surface.get("geometric_normal", surface.get("shading_normal"))
     normals = [surface.get(name, other)[found] for name in ("geometric_normal", "shading_normal")]
     columns = [np.ascontiguousarray(column, np.float32) for column in (world - eye, *normals)]
-    return SurfacePoints(*columns, eye)
+    lifts, offsets = None, terminator.offsets_of(outline)
+    is_flat = params.shadow_edge == ShadowEdge.CRISP and params.normals == Normals.FLAT
+    if offsets is not None and "terminator_lift" in surface and not is_flat:
+        lifts = terminator.lifts_of(surface, offsets, found)
+    return SurfacePoints(*columns, eye, lifts)
 
 
 def _visible(rays, outline, params, lamp, points: SurfacePoints, seed) -> np.ndarray:
@@ -168,15 +173,24 @@ def _visible(rays, outline, params, lamp, points: SurfacePoints, seed) -> np.nda
 
 def _sees_middle(rays, emitter, casters: np.ndarray, points: SurfacePoints) -> np.ndarray:
     """(N,) float64: 1 where nothing lies between a point and the middle of a lamp, or what gets through."""
-    origins = points.position
-    if emitter.kind == EmitterKind.DISTANT_DISK:
+    origins, is_distant = points.position, emitter.kind == EmitterKind.DISTANT_DISK
+    if is_distant:
         towards = np.tile(-np.array(emitter.forward), (len(origins), 1))
         longest = np.full(len(origins), np.inf, np.float32)
     else:
         towards = np.array(emitter.centre) - points.eye - origins
         longest = np.ones(len(origins), np.float32)
+    leaves = np.einsum("ni,ni->n", towards, points.geometric_normal) > 0.0
+    if points.lifts is not None:
+        unit = towards / np.maximum(np.linalg.norm(towards, axis=1), 1e-30)[:, None]
+        normals = points.geometric_normal, points.shading_normal
+        above, lit = (np.einsum("ni,ni->n", unit, normal)[None] for normal in normals)
+        away = visibility_truth.away(points.lifts, above, lit)[:, 0].T
+        leaves |= away.any(axis=1)
+        origins = (origins + away).astype(np.float32)
+        towards = towards if is_distant else towards - away
     through = rays.transmittance(casters, origins, towards.astype(np.float32), longest)
-    return np.where(np.einsum("ni,ni->n", towards, points.geometric_normal) <= 0.0, 0.0, through)
+    return np.where(leaves, through, 0.0)
 
 
 # Dots

@@ -11,7 +11,7 @@ from ...core.graph import Node
 from ...core.outline import Outline
 from ...core.recorder import Recorder
 from ...core.roles import Of, Role
-from ..shared import lit
+from ..shared import lit, terminator
 from ..shared import steps as shared
 from . import pattern, steps
 from .lights import luminance, packed_lights
@@ -116,7 +116,10 @@ def _shadow(recorder, outline, params, index, surface, normal, region) -> tuple[
     casters = casters_of(light, outline.instances, region) if light.casts_shadow else frozenset()
     if not casters:
         return None
-    recorder.surface(surface, "position", "geometric_normal")
+    is_smooth = params.normals != Normals.FLAT
+    offsets = terminator.offsets_of(outline, recorder.shot) if is_smooth else None
+    lifted = terminator.READ if offsets is not None else ()
+    recorder.surface(surface, "position", "geometric_normal", *lifted)
     recorder.reads_instances(casters)
     is_distant = light.emitter.kind == EmitterKind.DISTANT_DISK
     place = (
@@ -133,6 +136,7 @@ def _shadow(recorder, outline, params, index, surface, normal, region) -> tuple[
         place=tuple(place.tolist()),
         is_distant=is_distant,
         casters=casters,
+        offsets=offsets,
     )
     return node, casters
 

@@ -11,6 +11,7 @@ from ...core.device import Device
 from ...core.graph import Rate, Step
 from ...core.view import View
 from ..shared.membership import belong
+from ..shared.terminator import lifts_of
 from . import gpu_steps
 from .pattern import packed_pattern
 
@@ -32,7 +33,10 @@ def _facing(device, surface, *visibility, normal, lights, shadowed, linked):
     )
 
 
-def _crisp_shadow(device, surface, accelerator, normal, place, is_distant, casters):
+def _crisp_shadow(device, surface, accelerator, normal, place, is_distant, casters, offsets=None):
+    shape, lifts = surface["position"].shape[:2], None
+    if offsets is not None:
+        lifts = lifts_of(surface, offsets, np.arange(shape[0] * shape[1])).reshape(*shape, 4)
     return device.kernels.rays_towards(
         accelerator,
         device.instance_mask(casters),
@@ -41,6 +45,7 @@ def _crisp_shadow(device, surface, accelerator, normal, place, is_distant, caste
         surface["position"],
         surface["geometric_normal"],
         surface[normal],
+        lifts,
         cancel=device.cancel_flag,
     )
 

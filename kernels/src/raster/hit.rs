@@ -2,6 +2,7 @@
 
 use super::block::Block;
 use super::camera::{Camera, Ray, Transform, winding_normal};
+use super::lift::Lifting;
 use super::presence::Rule;
 use super::wide::{Pixels, WIDE, Wide, Wide3, lane, wide, wide_dot};
 use crate::geometry::{Data, Instance, Mesh};
@@ -251,6 +252,15 @@ impl Hit<'_> {
         }
         let corners = self.mesh.triangles[self.triangle].map(|c| self.mesh.corner_opacity[c as usize]);
         wide_dot(corners.map(f64::from), weights)
+    }
+
+    /// Where rays of shadows may begin above it; None where the mesh is flat.
+    pub fn lifting(&self) -> Option<Lifting> {
+        let corners = self
+            .mesh
+            .triangle_positions(self.triangle)
+            .map(|p| p.map(f64::from));
+        Some(Lifting::new(corners, self.corner_normals?, &self.to_eye.linear))
     }
 
     /// Unit normals, geometric and shading, in world axes. The geometric one faces the viewer, and the

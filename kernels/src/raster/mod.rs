@@ -11,6 +11,7 @@ mod edge;
 mod grid;
 mod hit;
 mod layers;
+mod lift;
 mod presence;
 mod setup;
 mod shade;
@@ -129,7 +130,8 @@ impl Drawing {
 /// are there (Draw in random.rs). Returns a dict of the `attributes` asked for, h = rows[1] - rows[0], w likewise:
 /// `position` (h, w, 3) f32 metres relative to the eye in world axes, on the triangle; `geometric_normal`
 /// (h, w, 3) f32, unit, facing the viewer; `shading_normal` (h, w, 3) f32, unit, turned with the geometric
-/// one; `depth` (h, w) f32 metres along forward, inf where nothing is; `uv` (h, w, 2) f32;
+/// one; `terminator_lift` (h, w, 3) f32 metres, world axes, the way to the surface that the corners' normals tell of, 0
+/// where the mesh is flat; `depth` (h, w) f32 metres along forward, inf where nothing is; `uv` (h, w, 2) f32;
 /// `object_id`, `instance`, `triangle` (of the instance's mesh), `material` (h, w) i32, -1 where nothing is.
 /// What else is nothing is 0. Raises ValueError on bad input, Cancelled when `cancel` is set.
 #[pyfunction]

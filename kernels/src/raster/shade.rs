@@ -3,7 +3,7 @@
 use super::camera::Camera;
 use super::grid::Grid;
 use super::hit::Hit;
-use super::wide::{Pixels, WIDE, wide_dot};
+use super::wide::{Pixels, WIDE, lane, wide_dot};
 use crate::surface::{Images, Row};
 use std::ops::Range;
 
@@ -28,6 +28,7 @@ pub fn split<'a>(images: &'a mut Images, grid: Grid) -> Vec<Vec<Row<'a>>> {
         geometric_normal,
         shading_normal,
         corner_colour,
+        terminator_lift,
         uv,
         depth,
         object_id,
@@ -51,7 +52,8 @@ pub fn shade(row: &mut Row, columns: Range<usize>, camera: &Camera, origin: [i32
             ids[columns.clone()].fill(id);
         }
     }
-    let normals = row.geometric_normal.is_some() || row.shading_normal.is_some();
+    let lifting = row.terminator_lift.as_ref().and_then(|_| hit.lifting());
+    let normals = row.geometric_normal.is_some() || row.shading_normal.is_some() || lifting.is_some();
     let values = row.uv.is_some() || row.corner_colour.is_some();
     if row.position.is_none() && row.depth.is_none() && !values && !normals {
         return;
@@ -86,7 +88,14 @@ pub fn shade(row: &mut Row, columns: Range<usize>, camera: &Camera, origin: [i32
                 put(&mut image[part.clone()], &geometric);
             }
             if let Some(image) = &mut row.shading_normal {
-                put(&mut image[part], &shading);
+                put(&mut image[part.clone()], &shading);
+            }
+            if let (Some(image), Some(lifting)) = (&mut row.terminator_lift, &lifting) {
+                for (l, pixel) in image[part].iter_mut().enumerate() {
+                    *pixel = lifting
+                        .at(lane(&weights, l), lane(&geometric, l))
+                        .map(|x| x as f32);
+                }
             }
         }
     }

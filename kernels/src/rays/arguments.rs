@@ -25,6 +25,20 @@ pub fn triples<'a, T: Element>(
     Ok(slice.as_chunks::<3>().0)
 }
 
+pub fn quadruples<'a>(
+    array: &'a PyReadonlyArray2<'_, f32>,
+    rows: usize,
+    what: &str,
+) -> PyResult<&'a [[f32; 4]]> {
+    let slice = array.as_slice()?;
+    if slice.len() != 4 * rows || array.as_array().ncols() != 4 {
+        return Err(PyValueError::new_err(format!(
+            "{what} is ({rows}, 4), not this shape"
+        )));
+    }
+    Ok(slice.as_chunks::<4>().0)
+}
+
 pub fn three(values: &PyReadonlyArray1<'_, f64>, what: &str) -> PyResult<[f64; 3]> {
     match *values.as_slice()? {
         [x, y, z] if x.is_finite() && y.is_finite() && z.is_finite() => Ok([x, y, z]),

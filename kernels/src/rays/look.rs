@@ -4,6 +4,7 @@
 use super::accel::{Accel, Rays};
 use super::arguments::{CHUNK, Flag, bytes, in_parallel, three, triples};
 use super::bvh::Met;
+use super::lift;
 use super::packet::Packet;
 use crate::geometry::{Data, Geometry, Instance, Mesh};
 use crate::simd::{LANES, dispatch};
@@ -111,6 +112,17 @@ impl<'a> Facet<'a> {
                 normal = unit(applied(&[cross(y, z), cross(z, x), cross(x, y)], local));
             }
             normals[at] = rounded(scale(normal, turn));
+        }
+        if let Some(lifts) = &mut row.terminator_lift
+            && !self.mesh.corner_normals.is_empty()
+        {
+            let normals = self.of_corners(&self.mesh.corner_normals);
+            let normal = applied(&self.linear, mix(normals, weights));
+            let is_outside = dot(normal, scale(self.winding, turn)) > 0.0;
+            let corners = doubled(self.mesh.triangle_positions(triangle));
+            let side = if is_outside { 1.0 } else { -1.0 };
+            let height = lift::height(corners, normals, weights, side);
+            lifts[at] = rounded(scale(normal, height));
         }
         if let Some(uvs) = &mut row.uv
             && !self.mesh.corner_uvs.is_empty()

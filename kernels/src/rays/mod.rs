@@ -1,7 +1,8 @@
 //! Rays against the scene's triangles. On the CPU only: the GPU has no tree.
 //!
 //! Visibility is by the geometry: a direction at or below the geometric horizon of a shading point is in
-//! shadow without a ray. All entries work on arrays, sixteen rays at a time, chunks of them on all threads.
+//! shadow without a ray, but where rays begin above a smooth surface. All entries work on arrays, sixteen rays at a
+//! time, chunks of them on all threads.
 
 #![allow(clippy::needless_range_loop)] // a lane is the same index in several arrays
 
@@ -10,6 +11,7 @@ mod arguments;
 mod bvh;
 mod clear;
 mod leaves;
+mod lift;
 mod look;
 mod packet;
 mod pattern;
@@ -22,7 +24,7 @@ mod visibility;
 use crate::emitter::Emitter;
 use crate::simd::dispatch;
 use accel::Accel;
-use arguments::{CHUNK, Flag, Floats, bytes, in_parallel, three, triples};
+use arguments::{CHUNK, Flag, Floats, bytes, in_parallel, quadruples, three, triples};
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pattern::Pattern;
 use pyo3::exceptions::PyValueError;
@@ -45,6 +47,7 @@ struct Request<'a> {
     pattern: Pattern,
     seed: u64,
     numbers: Option<&'a [u32]>,
+    lifts: Option<&'a [[f32; 4]]>,
 }
 
 impl<'a> Request<'a> {
@@ -58,6 +61,7 @@ impl<'a> Request<'a> {
         shading_normal: &'a PyReadonlyArray2<'_, f32>,
         samples: usize,
         seed: u64,
+        lifts: &'a Option<PyReadonlyArray2<'_, f32>>,
     ) -> PyResult<Self> {
         let count = position.as_array().nrows();
         if !(1..=4096).contains(&samples) {
@@ -73,6 +77,10 @@ impl<'a> Request<'a> {
             pattern: Pattern::new(samples, seed),
             seed,
             numbers: None,
+            lifts: match lifts {
+                Some(lifts) => Some(quadruples(lifts, count, "lifts")?),
+                None => None,
+            },
         })
     }
 
@@ -92,6 +100,7 @@ impl<'a> Request<'a> {
         Points {
             first: range.start,
             numbers: self.numbers.map(|numbers| &numbers[range.clone()]),
+            lifts: self.lifts.map(|lifts| &lifts[range.clone()]),
             positions: &self.positions[range.clone()],
             geometric_normals: &self.geometric_normals[range.clone()],
             shading_normals: &self.shading_normals[range],
@@ -105,10 +114,11 @@ impl<'a> Request<'a> {
 /// `casters` (instances,) u8 or None; `emitter` (18,) f64 packed; `eye` (3,) f64, the world position that `position`
 /// (N, 3) f32 is relative to; `geometric_normal` and `shading_normal` (N, 3) f32, unit. A position that is not finite
 /// (a miss) gives 1 and 0. The same `seed` gives the same bits; a point's number is part of its hash: of `numbers` (N,)
-/// u32, its index if None. Raises Cancelled.
+/// u32, its index if None. `lifts` (N, 4) f32 or None: near the terminator rays begin so far from the point, metres, which is
+/// all of the way from geometric cosines of 0 down and none of it from the fourth number up. Raises Cancelled.
 #[pyfunction]
 #[pyo3(signature = (accel, casters, emitter, eye, position, geometric_normal, shading_normal, samples, seed, numbers=None,
-    cancel=None))]
+    lifts=None, cancel=None))]
 fn ray_visibility<'py>(
     py: Python<'py>,
     accel: PyRef<'py, Accel>,
@@ -121,6 +131,7 @@ fn ray_visibility<'py>(
     samples: usize,
     seed: u64,
     numbers: Option<PyReadonlyArray1<'py, u32>>,
+    lifts: Option<PyReadonlyArray2<'py, f32>>,
     cancel: Flag<'py>,
 ) -> PyResult<(Floats<'py>, Floats<'py>)> {
     let mut request = Request::new(
@@ -133,6 +144,7 @@ fn ray_visibility<'py>(
         &shading_normal,
         samples,
         seed,
+        &lifts,
     )?;
     if let Some(numbers) = &numbers {
         if numbers.len()? != request.positions.len() {
@@ -166,7 +178,8 @@ fn ray_visibility<'py>(
 /// that of a ratio of two sums, so it is biased, but only where visibility and weight go together across the light
 /// and no more than such a ratio over 64 samples is: below 1e-3 in tests/kernels/test_rays.py. Arguments as for `ray_visibility`.
 #[pyfunction]
-#[pyo3(signature = (accel, casters, emitter, eye, position, geometric_normal, shading_normal, seed, cancel=None))]
+#[pyo3(signature = (accel, casters, emitter, eye, position, geometric_normal, shading_normal, seed, lifts=None,
+    cancel=None))]
 fn ray_screen<'py>(
     py: Python<'py>,
     accel: PyRef<'py, Accel>,
@@ -177,6 +190,7 @@ fn ray_screen<'py>(
     geometric_normal: PyReadonlyArray2<'py, f32>,
     shading_normal: PyReadonlyArray2<'py, f32>,
     seed: u64,
+    lifts: Option<PyReadonlyArray2<'py, f32>>,
     cancel: Flag<'py>,
 ) -> PyResult<Bound<'py, PyArray2<u8>>> {
     let request = Request::new(
@@ -189,6 +203,7 @@ fn ray_screen<'py>(
         &shading_normal,
         CANDIDATES,
         seed,
+        &lifts,
     )?;
     let scene = accel.scene.clone();
     let cancel = cancel.map(|c| c.clone());

@@ -1,6 +1,7 @@
 //! Visibility of lights by casting rays: what every faster method is compared with, and what it falls back to.
 
 use super::bvh::Met;
+use super::lift::Lift;
 use super::packet::{Packet, lanes_of};
 use super::pattern::Pattern;
 use super::scene::Scene;
@@ -32,6 +33,8 @@ pub struct Points<'a> {
     /// Index of the first one, and all their numbers if those are not their indices: part of the hash.
     pub first: usize,
     pub numbers: Option<&'a [u32]>,
+    /// The way and the offset of each (`lift.rs`).
+    pub lifts: Option<&'a [[f32; 4]]>,
     pub positions: &'a [[f32; 3]],
     pub geometric_normals: &'a [[f32; 3]],
     pub shading_normals: &'a [[f32; 3]],
@@ -87,6 +90,7 @@ struct Lit {
     world: [f64; 3],
     geometric_normal: [f32; 3],
     shading_normal: [f32; 3],
+    lift: Option<Lift>,
 }
 
 impl Lit {
@@ -109,14 +113,29 @@ impl Lit {
             world,
             geometric_normal,
             shading_normal,
+            lift: points.lifts.and_then(|lifts| Lift::of(lifts[index])),
         })
     }
 
-    /// Whether a direction leaves the surface: at or below its own horizon a point is in shadow.
+    /// Whether a direction leaves the surface: at or below its own horizon a point is in shadow, unless rays begin above.
     #[inline(always)]
     fn leaves(&self, direction: [f32; 3]) -> bool {
         let n = self.geometric_normal;
-        n[0] * direction[0] + n[1] * direction[1] + n[2] * direction[2] > 0.0
+        n[0] * direction[0] + n[1] * direction[1] + n[2] * direction[2] > 0.0 || self.lift.is_some()
+    }
+
+    /// Origin, direction and length of the ray to a sample of the light.
+    #[inline(always)]
+    fn ray(&self, direction: [f32; 3], distance: f32) -> ([f32; 3], [f32; 3], f32) {
+        let Some(lift) = &self.lift else {
+            return (self.origin, direction, distance);
+        };
+        let way = lift.towards(self.geometric_normal, self.shading_normal, direction);
+        let origin = [0, 1, 2].map(|a| self.origin[a] + way[a]);
+        if distance == f32::MAX {
+            return (origin, direction, distance);
+        }
+        (origin, [0, 1, 2].map(|a| direction[a] * distance - way[a]), 1.0)
     }
 }
 
@@ -175,7 +194,7 @@ impl Work for Visibility<'_, '_> {
                 if rays == 0 {
                     continue;
                 }
-                if count > FEW {
+                if count > FEW && lit.lift.is_none() {
                     let mut packet =
                         Packet::of_one_origin(lit.origin, samples.direction, samples.distance, rays);
                     let (scene, mut met) = (query.scene, Met::NONE);
@@ -190,8 +209,8 @@ impl Work for Visibility<'_, '_> {
                 }
                 for lane in lanes_of(rays) {
                     let direction = samples.direction.map(|d| d[lane]);
-                    let distance = samples.distance[lane];
-                    pending.packet.add(pending.used, lit.origin, direction, distance);
+                    let (origin, direction, distance) = lit.ray(direction, samples.distance[lane]);
+                    pending.packet.add(pending.used, origin, direction, distance);
                     pending.point[pending.used] = index;
                     pending.weight[pending.used] = samples.weight[lane];
                     pending.used += 1;
@@ -284,9 +303,8 @@ impl Work for Screen<'_, '_> {
                     pending.flush(vector, query, &mut scratch, &mut arrived);
                 }
                 let lane = pending.used;
-                pending
-                    .packet
-                    .add(lane, lit.origin, directions[chosen], distances[chosen]);
+                let (origin, direction, distance) = lit.ray(directions[chosen], distances[chosen]);
+                pending.packet.add(lane, origin, direction, distance);
                 pending.point[lane] = slot;
                 pending.weight[lane] = 1.0;
                 pending.used += 1;

@@ -15,6 +15,7 @@ mod plain;
 mod points;
 mod prepare;
 mod pyramid;
+mod raised;
 mod region;
 mod spread;
 mod tile;
@@ -34,6 +35,7 @@ use points::Points;
 use prepare::PreparedMap;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use raised::{Seen, Smooth, raised};
 use std::sync::Arc;
 
 /// A layered depth map with its biases, coarser levels and pyramid; made by `soft_shadow_prepare`.
@@ -188,6 +190,51 @@ fn soft_shadow_backproject<'py>(
     Ok((visibility.to_dyn().clone(), uncertain.to_dyn().clone()))
 }
 
+type Vectors<'py> = Bound<'py, PyArrayDyn<f32>>;
+
+/// Shading points as rays of a light's shadow leave them, near the terminator of smooth surfaces above the triangles:
+/// positions and geometric normals, (h, w, 3) f32 each.
+///
+/// `position` (h, w, 3) f32 metres relative to `eye` (3,) f64 in the world; `geometric_normal` and `shading_normal` (h, w, 3)
+/// f32, unit; `lift` (h, w, 3) f32, the surface's `terminator_lift`; `instance` (h, w) i32, and `offsets` (N,) f32 of the
+/// instances, the cosine up to which points are raised, 0 for none; `emitter` (18,) f64. Raises ValueError on bad shapes,
+/// and Cancelled.
+#[pyfunction]
+#[pyo3(signature = (position, geometric_normal, shading_normal, lift, instance, offsets, eye, emitter, cancel=None))]
+fn soft_shadow_raised<'py>(
+    py: Python<'py>,
+    position: PyReadonlyArray3<'py, f32>,
+    geometric_normal: PyReadonlyArray3<'py, f32>,
+    shading_normal: PyReadonlyArray3<'py, f32>,
+    lift: PyReadonlyArray3<'py, f32>,
+    instance: PyReadonlyArray2<'py, i32>,
+    offsets: PyReadonlyArray1<'py, f32>,
+    eye: [f64; 3],
+    emitter: PyReadonlyArray1<'py, f64>,
+    cancel: Option<PyRef<'_, CancelFlag>>,
+) -> PyResult<(Vectors<'py>, Vectors<'py>)> {
+    let shape = [instance.shape()[0], instance.shape()[1], 3];
+    let images = [&position, &geometric_normal, &shading_normal, &lift];
+    if images.iter().any(|image| image.shape() != shape) {
+        return Err(PyValueError::new_err(
+            "position, normals and lift are images of three numbers for each instance's",
+        ));
+    }
+    let light = Seen::new(&Emitter::from_packed(emitter.as_slice()?)?, eye);
+    let points = Smooth {
+        position: position.as_slice()?.as_chunks::<3>().0,
+        geometric_normal: geometric_normal.as_slice()?.as_chunks::<3>().0,
+        shading_normal: shading_normal.as_slice()?.as_chunks::<3>().0,
+        lift: lift.as_slice()?.as_chunks::<3>().0,
+        instance: instance.as_slice()?,
+        offsets: offsets.as_slice()?,
+    };
+    let cancel = CancelFlag::of(cancel);
+    let (positions, normals) = py.detach(|| raised(points, &light, &cancel))?;
+    let image = |values: Vec<f32>| Ok::<_, PyErr>(values.into_pyarray(py).reshape(shape)?.to_dyn().clone());
+    Ok((image(positions)?, image(normals)?))
+}
+
 /// How much of a round light some casters hide that its maps do not know, seen from afar and from four radii.
 /// `places` (N, 3) f32 on their surfaces, in radii from the light's centre, about a tenth apart at most; `known` (N,) bool;
 /// `towards` (C, 3) f32 unit directions from there. Returns (C,) f32, the greater share of the light's disk. Raises
@@ -215,5 +262,6 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PreparedShadowMap>()?;
     module.add_function(wrap_pyfunction!(soft_shadow_prepare, module)?)?;
     module.add_function(wrap_pyfunction!(soft_shadow_unknown_shares, module)?)?;
+    module.add_function(wrap_pyfunction!(soft_shadow_raised, module)?)?;
     module.add_function(wrap_pyfunction!(soft_shadow_backproject, module)?)
 }
