@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -17,7 +18,7 @@ from strata.addon.scene.exact import reading, workshop
 from strata.addon.scene.exact.layout import SMALLEST, layout_of, least_size
 from strata.addon.scene.exact.leaves import random_of
 from strata.addon.scene.exact.size import size_for, sizes_for
-from strata.addon.scene.exact.store import Store
+from strata.addon.scene.exact.store import Store, cache_folder
 from strata.addon.scene.exact.upstream import upstream_of
 from strata.addon.scene.nodes.graph import Graph
 from strata.tests.support.cycles_card import card_scene, rendered
@@ -430,3 +431,21 @@ def test_every_size_that_may_be_asked_for_is_among_those_looked_for(faces, most)
     assert set(asked) <= set(sizes)
     assert max(asked) == sizes[0]
     assert min(asked) == sizes[-1]
+
+
+def test_the_folder_is_the_users_unless_the_environment_says(monkeypatch):
+    monkeypatch.setenv("STRATA_CACHE", "")
+    assert cache_folder() is None
+    monkeypatch.setenv("STRATA_CACHE", "/elsewhere")
+    assert cache_folder() == Path("/elsewhere")
+    monkeypatch.delenv("STRATA_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", "/cache")
+    monkeypatch.setattr("sys.platform", "linux")
+    assert cache_folder() == Path("/cache/strata/baked")
+    monkeypatch.delenv("XDG_CACHE_HOME")
+
+    def homeless():
+        raise RuntimeError("no home")
+
+    monkeypatch.setattr(Path, "home", homeless)
+    assert cache_folder() is None

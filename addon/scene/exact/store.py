@@ -20,12 +20,15 @@ def cache_folder() -> Path | None:
     """The user's own for caches; None where there is to be none."""
     if (given := os.environ.get(FOLDER_VARIABLE)) is not None:
         return Path(given) if given else None
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        base = str(Path.home() / "Library" / "Caches")
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    try:
+        if sys.platform == "win32":
+            base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
+        elif sys.platform == "darwin":
+            base = str(Path.home() / "Library" / "Caches")
+        else:
+            base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    except RuntimeError:  # a user without a home
+        return None
     return Path(base) / "strata" / "baked"
 
 
@@ -100,7 +103,10 @@ class Store:
 
     def _make_room(self, nbytes: int) -> None:
         """Throws away what was used longest ago."""
-        files = [(each.stat(), each) for each in self.folder.glob("*.npy")]
+        files = []
+        for each in self.folder.glob("*.npy"):
+            with contextlib.suppress(OSError):  # thrown away by another Blender meanwhile
+                files.append((each.stat(), each))
         held = nbytes + sum(stat.st_size for stat, _ in files)
         for stat, each in sorted(files, key=lambda pair: pair[0].st_mtime):
             if held <= self._most_on_disk:
