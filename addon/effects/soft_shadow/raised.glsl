@@ -19,8 +19,10 @@ void main()
     // Of the part of the light that is lowest over the surface.
     vec2 lowest = (vec2(dot(facing, way), dot(shaded, way)) - params.spread.x) / max(length(way), 1e-30);
     float share = clamp(2.0 - (lowest.x + clamp(lowest.y, 0.0, offset)) / offset, 0.0, 1.0);
-    place += share * lift;
-    facing = share > 0.0 ? shaded : facing;
+    if (share > 0.0) { // a lift may be too large for a number
+      place += share * lift;
+      facing = shaded;
+    }
   }
   imageStore(raised_position, pixel, vec4(place, 0.0));
   imageStore(raised_normal, pixel, vec4(facing, 0.0));
