@@ -38,7 +38,7 @@ SIZE = (48, 32)
 PROBES = 512, 1024
 KEPT = ROOT / "out" / "intervals.jsonl"
 
-SHADOW_VIEWS, LIGHT_VIEWS, MASK_VIEWS = (32, 512), (8, 64), (32, 512)
+SHADOW_VIEWS, LIGHT_VIEWS, MASK_VIEWS = (32, 512), (2, 16), (32, 512)
 """View rays of each of a pixel's two halves, for the error of all pixels: of every pixel, and of those that
 the first leave in doubt."""
 DOUBTFUL = 0.25
