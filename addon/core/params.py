@@ -220,3 +220,15 @@ def plain(value: Any) -> Any:
     if isinstance(value, Enum):
         return value.value
     return str(value) if isinstance(value, Ramp) else list(value) if isinstance(value, Colour) else value
+
+
+OwnSettings = tuple[tuple[str, str, Any], ...]
+"""Settings that a light, an object or a material has of its own: effect's id, parameter and value."""
+
+
+def with_own[P: Params](params: P, own: OwnSettings, effect_id: str) -> P:
+    """`params` of the effect with what of `own` is for it over them. Raises StrataError on a bad value."""
+    values = {name: value for effect, name, value in own if effect == effect_id}
+    if not values:
+        return params
+    return type(params).checked(effect_id, {**vars(params), **values})

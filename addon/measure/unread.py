@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core.outline import Instances, Material
+from ..core.material import Material
+from ..core.outline import Instances
 from .report import LayerError
 
 

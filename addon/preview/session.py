@@ -16,7 +16,8 @@ from ..core.effect import Effect
 from ..core.executor import Executor
 from ..core.free_memory import free_bytes
 from ..core.graph import Graph
-from ..core.outline import Image, Light, Mesh, Outline
+from ..core.material import Image
+from ..core.outline import Light, Mesh, Outline
 from ..core.read import MOST_TEXELS, Read
 from ..core.shot import Shot
 from ..devices.start import Devices, start_devices

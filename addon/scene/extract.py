@@ -9,7 +9,8 @@ import bpy
 import numpy as np
 
 from ..core.arrays import OPAQUE, Arrays, MeshArrays, Opacities, OpacityArrays
-from ..core.outline import BothSides, Instance, Material, Opacity, Outline
+from ..core.material import BothSides, Material, Opacity
+from ..core.outline import Instance, Outline
 from .corner_values import corner_colours, corner_opacity, moved_uvs, placed_uvs
 from .displacement import displaced
 from .known_texels import KnownTexels

@@ -13,7 +13,8 @@ import bpy
 import numpy as np
 
 from ..core.emitter import Emitter, EmitterKind
-from ..core.outline import Colour, Light
+from ..core.material import Colour
+from ..core.outline import Light
 from .nodes import readers  # noqa: F401 (what reads the nodes of inputs)
 from .nodes.closures import closure_at
 from .nodes.graph import Graph, link_of, origins

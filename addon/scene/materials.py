@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import bpy
 
-from ..core.outline import Colour, Image, Material, Opacity
+from ..core.material import Colour, Image, Material, Opacity
 from .nodes.baked import BakedTexture
 from .nodes.closures import Closure
 from .nodes.factors import Product, product_of

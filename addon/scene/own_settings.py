@@ -7,8 +7,7 @@ from typing import Any
 import bpy
 
 from ..core.effect import Effect
-from ..core.outline import OwnSettings
-from ..core.params import Colour, Lamp, ParamSpec
+from ..core.params import Colour, Lamp, OwnSettings, ParamSpec
 from ..core.ramp import HuePath, Ramp, RampInterpolation, RampMode
 from ..effects.registry import EFFECTS
 

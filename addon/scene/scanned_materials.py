@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import bpy
 
-from ..core.outline import Material
+from ..core.material import Material
 from .displacement import displacement_of
 from .exact.reading import Appearance, Exact, ExactMesh, ExactScan, Part, appearance_of
 from .materials import Images, ReadMaterial, default_material, read_material

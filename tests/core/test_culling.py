@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from strata.addon.core.arrays import Arrays, MeshArrays, Opacities
 from strata.addon.core.culling import casters_into, corners_of, drawn_from, in_frustum, lights_region
 from strata.addon.core.emitter import Emitter, EmitterKind
-from strata.addon.core.outline import Bounds, Instance, Light, Material, Mesh, Outline
+from strata.addon.core.material import Material
+from strata.addon.core.outline import Bounds, Instance, Light, Mesh, Outline
 from strata.addon.core.view import View
 from strata.addon.devices.cpu import CpuDevice
 

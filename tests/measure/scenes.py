@@ -7,7 +7,8 @@ import math
 import numpy as np
 from strata.addon.core.arrays import Arrays, MeshArrays, Opacities, OpacityArrays
 from strata.addon.core.emitter import Emitter, EmitterKind
-from strata.addon.core.outline import Bounds, Instance, Light, Material, Mesh, Opacity, Outline
+from strata.addon.core.material import Material, Opacity
+from strata.addon.core.outline import Bounds, Instance, Light, Mesh, Outline
 from strata.addon.core.shot import Camera, Raster, Shot
 
 SIZE = (48, 48)

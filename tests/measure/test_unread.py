@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from strata.addon.bake import BakeJob
 from strata.addon.core.arrays import CLEAR
+from strata.addon.core.material import Material
 from strata.addon.core.metrics import mean_brightness
-from strata.addon.core.outline import Instances, Material
+from strata.addon.core.outline import Instances
 from strata.addon.core.shot import Camera, PixelFilter, Raster, Shot
 from strata.addon.measure.report import LayerError, format_table
 from strata.addon.measure.unread import between

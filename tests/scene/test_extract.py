@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import strata_kernels
 from strata.addon.core.arrays import MeshArrays, OpacityArrays
-from strata.addon.core.outline import Opacity
+from strata.addon.core.material import Opacity
 from strata.addon.scene.corner_values import corner_colours, corner_opacity
 from strata.addon.scene.extract import (
     BASE_COLOR,

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from strata.addon.core.arrays import MeshArrays
-from strata.addon.core.outline import Opacity
+from strata.addon.core.material import Opacity
 from strata.addon.scene.corner_values import corner_opacity
 from strata.addon.scene.materials import Images, material_of
 from strata.addon.scene.nodes.pictures import sample

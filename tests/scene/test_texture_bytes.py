@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 import pytest
-from strata.addon.core.outline import Image
+from strata.addon.core.material import Image
 from strata.addon.effects.shared.steps import GEOMETRY, TRIANGLE_BYTES
 from strata.addon.scene.extract import BASE_COLOR, OPACITY, WANTS, extract, texel_bytes
 from strata.addon.scene.render_depsgraph import with_render_depsgraph

@@ -9,8 +9,9 @@ import numpy as np
 from strata.addon.bake import BakeJob
 from strata.addon.core.arrays import Arrays, MeshArrays, Opacities, OpacityArrays
 from strata.addon.core.emitter import Emitter, EmitterKind
+from strata.addon.core.material import Image, Material, Opacity
 from strata.addon.core.medium import Medium
-from strata.addon.core.outline import Bounds, Image, Instance, Light, Material, Mesh, Opacity, Outline
+from strata.addon.core.outline import Bounds, Instance, Light, Mesh, Outline
 from strata.addon.core.shot import Camera, Raster, Shot
 from strata.addon.planning import Options, plan_scene
 

@@ -8,7 +8,8 @@ import numpy as np
 from strata.addon.core.arrays import Arrays, MeshArrays, Opacities
 from strata.addon.core.effect import LayerKind
 from strata.addon.core.graph import Graph, Node, PlannedLayer, Step
-from strata.addon.core.outline import Bounds, Instance, Material, Mesh, Outline
+from strata.addon.core.material import Material
+from strata.addon.core.outline import Bounds, Instance, Mesh, Outline
 from strata.addon.core.shot import Camera, Raster, Shot
 from strata.addon.effects.shared.steps import GEOMETRY, SURFACE
 

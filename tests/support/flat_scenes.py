@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from strata.addon.core.arrays import Arrays, MeshArrays, Opacities
 from strata.addon.core.emitter import Emitter, EmitterKind
-from strata.addon.core.outline import Bounds, Instance, Light, Material, Mesh, Outline
+from strata.addon.core.material import Material
+from strata.addon.core.outline import Bounds, Instance, Light, Mesh, Outline
 
 IDENTITY = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
 DOWN = {"right": (1.0, 0.0, 0.0), "up": (0.0, 1.0, 0.0), "forward": (0.0, 0.0, -1.0)}

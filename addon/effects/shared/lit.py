@@ -9,7 +9,8 @@ import numpy as np
 from ...core.culling import unlit_reason
 from ...core.effect import LayerKind
 from ...core.graph import Node, Step, Sum
-from ...core.outline import Colour, Light, Outline, emitter_measure
+from ...core.material import Colour
+from ...core.outline import Light, Outline, emitter_measure
 from ...core.recorder import Recorder
 from ...core.roles import Of, Subject
 from . import gpu_lit, steps

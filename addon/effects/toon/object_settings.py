@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.outline import Instance, Material, Outline, with_own
+from ...core.material import Material
+from ...core.outline import Instance, Outline
+from ...core.params import with_own
 from ...core.ramp import Ramp
 from .params import ToonObjectParams, ToonParams
 from .ramp_table import table_of

@@ -9,7 +9,8 @@ import numpy as np
 from strata.addon.bake import BakeJob
 from strata.addon.core.arrays import Arrays, MeshArrays, Opacities
 from strata.addon.core.emitter import Emitter, EmitterKind
-from strata.addon.core.outline import Bounds, Instance, Light, Material, Mesh, Outline
+from strata.addon.core.material import Material
+from strata.addon.core.outline import Bounds, Instance, Light, Mesh, Outline
 from strata.addon.core.shot import Camera, Raster, Shot
 from strata.addon.planning import Options, plan_scene
 from strata.tests.effects.extremes import Row
