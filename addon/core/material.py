@@ -76,7 +76,7 @@ class Material:
 
     `base_color_image` indexes `Outline.images`, sampled as an opacity's; then the constant beside is not
     used. Either times `base_color_corners`, as an opacity's `corners`. Diffuse light comes back as by base
-    colour times 1 - `metallic`, or, where metallic is not the same all over, as by `diffuse_image` and
+    colour times 1 - `metallic`, where metallic is not the same all over with `diffuse_image` and
     `diffuse_corners` in place of base colour's. `emission` has the same two beside it. Pictures lie on the UV
     map `uv_map` (empty: the one for rendering), its coordinates moved by the two rows of `uv_matrix`. Corners
     of a face carry one colour: all that there is of `..._corners` is the same. `seen` is what

@@ -219,8 +219,8 @@ class _Maker:
         return found
 
     def _diffuse(self, closure: Closure, base: Product) -> tuple[Product, float]:
-        """What diffuse light comes back by where metallic is not the same all over, else nothing; and
-        metallic where it is."""
+        """What diffuse light comes back by where metallic is not the same all over, else nothing; and what of
+        metallic is the same all over."""
         if closure.metallic.is_constant:
             return Product(), closure.metallic.number()
         dielectric = complement(closure.metallic)
@@ -228,7 +228,11 @@ class _Maker:
         found = self._product(value, METALLIC, "0 is used", dielectric)
         if found is None:
             self.unread[METALLIC] = None
-        return found or Product(), 0.0
+            return Product(), 0.0
+        if found.corners.is_constant or not found.picture.is_constant:
+            return found, 0.0
+        # A picture has the constant factor in it; corners are not scaled, what else is there may share them.
+        return found, 1.0 - product_of(dielectric).uniform.number()
 
     def _product(self, value: Value, use: str, instead: str, of: Value | None = None) -> Product | None:
         """A colour as a product; None, with a warning, for one that is not read. `of`: the part of it to

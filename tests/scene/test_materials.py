@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from strata.addon.core.arrays import MeshArrays
 from strata.addon.core.material import Opacity
-from strata.addon.scene.corner_values import corner_opacity
+from strata.addon.scene.corner_values import corner_colours, corner_opacity
 from strata.addon.scene.materials import Images, material_of
 from strata.addon.scene.nodes.pictures import sample
 from strata.addon.scene.pixels import pixels_of
@@ -313,6 +313,35 @@ def test_base_colours_of_attributes(card):
         "material 'Card': image 'Leaf' and attribute 'Paint' are not read for base colour, its viewport "
         "colour is used"
     ]
+
+
+def test_a_metal_by_a_scaled_attribute_keeps_the_scale(card):
+    """Of 1 less a quarter of an alpha: beside what corners carry, or in the picture if there is one."""
+    paint = card.mesh.attributes.new("Paint", "FLOAT_COLOR", "POINT")
+    alphas = [1.0, 0.5, 0.25, 0.0]
+    paint.data.foreach_set("color", np.array([(0.0, 0.0, 0.0, each) for each in alphas], np.float32).ravel())
+    reader = card.tree.nodes.new("ShaderNodeVertexColor")
+    reader.layer_name = "Paint"
+    quarter = card.node("Math", reader.outputs["Alpha"], 0.25, operation="MULTIPLY")
+    metallic = card.node("Math", 1.0, quarter, operation="SUBTRACT")
+    card.tree.links.new(metallic, card.principled.inputs["Metallic"])
+    material = card.read()
+    positions = np.array([v.co[:] for v in card.mesh.vertices], np.float32)
+    arrays = MeshArrays(positions, np.arange(4, dtype=np.int32), np.array([0, 4], np.int32))
+    values = [card.images.corners[material.diffuse_corners]]
+    corners = corner_colours(card.mesh, arrays, values, "Card", card.warnings)
+    shares = (1.0 - material.metallic) * corners[:, 0]
+    np.testing.assert_allclose(shares, 0.25 * np.array(alphas), atol=1e-7)  # as floats
+    assert material.base_color == pytest.approx((0.8, 0.8, 0.8))
+    texture = card.tree.nodes.new("ShaderNodeTexImage")
+    texture.image = float_image("Leaf", 8, 1)
+    card.tree.links.new(texture.outputs["Color"], card.principled.inputs["Base Color"])
+    material = card.read()
+    expected = 0.25 * pixels_of(texture.image)[..., :3]
+    found = (1.0 - material.metallic) * card.texels(material.diffuse_image)[..., :3]
+    np.testing.assert_allclose(found, expected, rtol=1e-6)  # as floats
+    assert card.images.corners[material.diffuse_corners].key == values[0].key
+    assert not card.warnings
 
 
 @pytest.mark.parametrize(
