@@ -93,7 +93,7 @@ class ScannedMaterials:
             if not isinstance(part, Part):
                 self._warnings[slot] = part
                 continue
-            key = slot, mesh.digest, mesh.size, *(leaf.key for leaf in part.leaves)
+            key = slot, mesh.digest, mesh.size, part.met
             if key not in self._exact_indices:
                 index = self._exact_indices[key] = self._add(material, part.read)
                 self.exactly.parts[index] = part

@@ -14,7 +14,7 @@ from ..nodes.graph import Graph, Path
 from ..nodes.values import FLOAT, Unread, Value, unread
 from .upstream import Upstream, upstream_of
 
-FORMAT = 1
+FORMAT = 2
 """Of what is kept, and of how it is baked: another number, and all is baked anew."""
 
 

@@ -54,7 +54,9 @@ class ExactMesh:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A material as it is on some slots of a mesh, of `slot_count`."""
+    """A material as it is on some slots of a mesh, of `slot_count`. `leaves` are in its textures; `met` has
+    the keys of all that reading it came upon, also of those that folded to constants: parts on equal meshes
+    are one where these agree."""
 
     material: bpy.types.Material | None
     name: str
@@ -64,6 +66,7 @@ class Part:
     appearance: Appearance
     read: ReadMaterial
     leaves: tuple[Leaf, ...]
+    met: frozenset[str]
 
 
 @dataclass(eq=False)
@@ -99,6 +102,8 @@ class Exact:
 
     def wait_for(self, parts: Iterable[Part]) -> None:
         """Takes of the depsgraph what is needed to bake what is not known of these, before it is gone."""
+        if not self.can_bake:
+            return
         works: dict[tuple, Work] = {}
         copies: dict[int, bpy.types.Mesh] = {}
         waiting: set[str] = set()
@@ -257,7 +262,10 @@ class ExactScan:
         if not keys and read.unread:
             return read.warnings
         used = tuple(leaf for key, leaf in leaves.found.items() if key in keys)
-        return Part(material.original, material.name_full, mesh, slots, slot_count, appearance, read, used)
+        met = frozenset(leaves.found)
+        return Part(
+            material.original, material.name_full, mesh, slots, slot_count, appearance, read, used, met
+        )
 
     def hangs_on(self, materials: Iterable[int]) -> bool:
         """Whether any of these is one that is baked."""

@@ -15,13 +15,15 @@ from ..pixels import content_of
 
 _DEEPEST = 1000  # links through groups, one after the other
 
-# Where a node is, how it looks in the editor, and what its sockets and links tell.
+# Of a node: where it is, how it looks in the editor, and what its sockets and links tell.
 _NOT_READ = {
     "rna_type", "name", "label", "location", "location_absolute", "width", "height", "dimensions", "select",
     "hide", "mute", "parent", "color", "use_custom_color", "color_tag", "show_options", "show_preview",
     "show_texture", "inputs", "outputs", "internal_links", "warning_propagation", "type", "is_active_output",
     "active_preview", "debug_zone_body_lazy_function_graph", "debug_zone_lazy_function_graph",
 }  # fmt: skip
+# Of what a node holds, ramps and curves among it, all is read: there "color" and "location" are values.
+_NOT_READ_WITHIN = {"rna_type", "select"}
 
 # Nodes whose answer hangs on who looks, on other objects or on what is no mesh.
 _EYES = {
@@ -74,6 +76,9 @@ def upstream_of(graph: Graph, node: bpy.types.Node, output: bpy.types.NodeSocket
         lines.append(f"{each.bl_idname} {list(_properties(each))}")
         for socket in each.inputs:
             lines.append(f"{socket.identifier} {_origin(graph, socket, where, number)}")
+        # Value, Color and Normal have their numbers there.
+        for socket in each.outputs:
+            lines.append(f"{socket.identifier} {_plain(getattr(socket, 'default_value', None))}")
     eye = next((each.name for each, name in used if _is_of_eye(each, name)), "")
     digest = hashlib.sha256("\n".join(lines).encode()).hexdigest()
     return Upstream(digest, eye, any(_is_of_object(each, name) for each, name in used))
@@ -124,9 +129,10 @@ def _is_of_object(node: bpy.types.Node, output: str) -> bool:
 
 def _properties(thing: bpy.types.bpy_struct, depth: int = 0) -> Iterator[str]:
     """All that is set of a node, or of what it holds."""
+    not_read = _NOT_READ if isinstance(thing, bpy.types.Node) else _NOT_READ_WITHIN
     for prop in thing.bl_rna.properties:
         name = prop.identifier
-        if name in _NOT_READ or name.startswith("bl_"):
+        if name in not_read or name.startswith("bl_"):
             continue
         value = getattr(thing, name)
         if prop.type == "COLLECTION":
