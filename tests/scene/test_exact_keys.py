@@ -10,10 +10,11 @@ import pytest
 from strata.addon.bake import read_scene
 from strata.addon.planning import Options
 from strata.addon.scene.exact import reading
+from strata.addon.scene.exact.rounds import MOST_ROUNDS
 from strata.addon.scene.exact.store import Store
 from strata.addon.scene.exact.upstream import upstream_of
 from strata.addon.scene.nodes.graph import Graph
-from strata.tests.support.procedural import card, floor_scene
+from strata.tests.support.procedural import card, clear_by, floor_scene, noise
 
 OPTIONS = Options(("soft_shadow",), "cpu", samples=1, probes=0, read="exact")
 
@@ -96,3 +97,30 @@ def test_objects_of_one_mesh_have_their_own_constants():
     assert not outline.warnings
     np.testing.assert_allclose(shown_by(outline, "First").base_color, (1.0, 0.0, 0.0), atol=1e-6)
     np.testing.assert_allclose(shown_by(outline, "Second").base_color, (0.0, 0.0, 1.0), atol=1e-6)
+
+
+# When it is not to be used
+
+
+def test_a_scene_that_is_never_the_same_is_read_in_the_end():
+    """A handler of somebody's changes it before each render."""
+    scene = floor_scene()
+    material = clear_by("Card", noise)
+    card(material)
+    scale = material.node_tree.nodes["Noise Texture"].inputs["Scale"]
+    rounds = []
+
+    def changes(*_):
+        rounds.append(1)
+        if len(rounds) <= 2 * MOST_ROUNDS:  # so that the test ends
+            scale.default_value = 1.0 + len(rounds)
+
+    bpy.app.handlers.render_init.append(changes)
+    try:
+        outline, *_ = read(scene)
+    finally:
+        bpy.app.handlers.render_init.remove(changes)
+    assert len(rounds) == MOST_ROUNDS + 1
+    (warning,) = outline.warnings
+    assert "node 'Noise Texture' (not baked yet" in warning
+    assert warning.endswith("is not read for opacity, it counts as opaque")
