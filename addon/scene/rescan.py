@@ -67,10 +67,11 @@ class Changes:
     def _add_object(self, thing: bpy.types.Object, update: bpy.types.DepsgraphUpdate) -> None:
         if thing.type == "CAMERA":
             return
+        # Blender flags nothing where a name is changed, or what shadows do at the terminator.
         is_other = not (update.is_updated_transform or update.is_updated_geometry)
         if thing.type == "LIGHT" and not is_other:
             self.lights.add(thing.session_uid)
-        elif thing.type == "MESH" and not update.is_updated_shading:
+        elif thing.type == "MESH" and not update.is_updated_shading and not is_other:
             if update.is_updated_geometry:
                 self.reshaped.add(thing.session_uid)
             if update.is_updated_transform:

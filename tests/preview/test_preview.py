@@ -221,6 +221,22 @@ def test_an_edited_mesh_alone_is_taken_again(still):
     assert sum(new is not old for new, old in zip(after.meshes, before.meshes, strict=True)) == 1
 
 
+def test_what_blender_tells_of_without_a_flag_is_read(still):
+    thing = next(o for o in still.scene.objects if o.type == "MESH" and len(o.data.polygons))
+    thing.data.shade_smooth()
+
+    def edit():
+        thing.shadow_terminator_geometry_offset, thing.name = 0.75, "Renamed"
+
+    still.edited(lambda: None)
+    still.edited(edit)
+    (instance,) = (each for each in still.session.outline.instances if each.name == "Renamed")
+    assert instance.terminator_offset == pytest.approx(0.75)
+    version = still.session.version
+    still.edited(lambda: thing.select_set(not thing.select_get()))
+    assert still.session.version == version  # reading nothing again
+
+
 def test_a_picture_is_evaluated_again_once_its_image_is_painted(still, monkeypatch):
     """And not where a mesh is edited, though then the whole scene is read again."""
     thing = next(o for o in still.scene.objects if o.type == "MESH" and o.data.users == 1)

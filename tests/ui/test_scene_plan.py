@@ -91,6 +91,7 @@ def test_it_is_asked_for_again_only_where_something_counts(scene):
         lambda: setattr(scene.strata.soft_shadow, "layers", 5),
         lambda: setattr(lamp("MESH"), "hide_render", True),
         lambda: lamp("MESH").hide_set(True),
+        lambda: setattr(lamp("MESH"), "shadow_terminator_geometry_offset", 0.75),
     ):
         noted(plan, edit)
         before, asked = asked, plan.asked(depsgraph())
