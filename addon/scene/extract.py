@@ -66,7 +66,7 @@ def extract(
             wants,
             owners[index],
             warnings,
-            scan.baked_uvs.get(index),
+            scan.baked_uvs[index]() if index in scan.baked_uvs else None,
         )
         if index in textured and index in shown
         else mesh

@@ -73,7 +73,7 @@ class Scan:
     make the meshes; by the outline's indices, `instance_owners` and `light_owners` are those of objects that
     stand for themselves, 0 for what an instancer makes. `corner_sources`: what opacities' `corners` name;
     `displacements` are by mesh, of those that have any; `own_boxes`: the meshes whose box is not that of
-    their object; `baked_uvs` (C, 2) f32 by mesh: where things are baked; `exactly`: what is."""
+    their object; `baked_uvs` give (C, 2) f32 by mesh: where things are baked; `exactly`: what is."""
 
     outline: Outline
     shot: Shot
@@ -85,7 +85,7 @@ class Scan:
     corner_sources: dict[str, Value] = field(default_factory=dict)
     displacements: dict[int, BySlot] = field(default_factory=dict)
     own_boxes: frozenset[int] = frozenset()
-    baked_uvs: dict[int, np.ndarray] = field(default_factory=dict)
+    baked_uvs: dict[int, Callable[[], np.ndarray]] = field(default_factory=dict)
     exactly: ExactScan | None = None
 
     def without_sources(self) -> Scan:
@@ -127,7 +127,7 @@ def raster_of(depsgraph: bpy.types.Depsgraph, options: ScanOptions) -> tuple[Ras
 class _Scanner:
     depsgraph: bpy.types.Depsgraph
     options: ScanOptions
-    baked_uvs: dict[int, np.ndarray] = field(default_factory=dict)
+    baked_uvs: dict[int, Callable[[], np.ndarray]] = field(default_factory=dict)
     meshes: ScannedMeshes = field(default_factory=ScannedMeshes)
     instance_owners: list[int] = field(default_factory=list)
     appearances: dict[tuple, dict | None] = field(default_factory=dict)
@@ -153,8 +153,10 @@ class _Scanner:
             self._warn(warning)
         if self.materials.exactly is not None:
             self.materials.exactly.raster = raster
+        # Of one that shows what is baked, mesh and images are gone through.
+        between = BETWEEN_LOOKS if self.options.exact is None else 1
         for number, instance in enumerate(self.depsgraph.object_instances):
-            if number % BETWEEN_LOOKS == 0 and time.thread_time() > end:
+            if number % between == 0 and time.thread_time() > end:
                 raise TooLong(f"scene '{scene.name}' takes long to read")
             shown = instance.object
             if not self._is_shown(instance, shown):
@@ -303,7 +305,7 @@ class _Scanner:
         if mesh is None:
             return None
         if baked is not None:
-            self.baked_uvs[mesh] = baked.corner_uvs
+            self.baked_uvs[mesh] = baked.layout
         materials = [self.materials.headers[slot] for slot in slots]
         is_surface = any(material.has_surface for material in materials)
         if shown.is_shadow_catcher or owner.is_shadow_catcher:

@@ -6,6 +6,7 @@ import itertools
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -13,14 +14,17 @@ import pytest
 from strata.addon.bake import bake, read_scene
 from strata.addon.core.shot import Raster
 from strata.addon.planning import Options
+from strata.addon.scene import scan as scan_module
 from strata.addon.scene.cameras import camera_of
 from strata.addon.scene.exact import reading, workshop
-from strata.addon.scene.exact.layout import SMALLEST, layout_of, least_size
+from strata.addon.scene.exact.layout import SMALLEST, Layouts, layout_of, least_size
 from strata.addon.scene.exact.leaves import random_of
 from strata.addon.scene.exact.size import size_for, sizes_for
 from strata.addon.scene.exact.store import Store, cache_folder
 from strata.addon.scene.exact.upstream import upstream_of
+from strata.addon.scene.extract import extract
 from strata.addon.scene.nodes.graph import Graph
+from strata.addon.scene.scan import ScanOptions, TooLong, scan
 from strata.tests.support.cycles_card import card_scene, rendered
 from strata.tests.support.procedural import card, clear_by, coordinates, floor_scene, noise
 from strata.tests.support.random_nodes import float_image
@@ -108,6 +112,19 @@ def test_there_is_room_for_every_face(faces):
         return
     positions, corners, starts = grid(faces, 1)
     assert covered(layout_of(positions, corners, starts, size), starts, size).max() == 1
+
+
+def test_layouts_asked_for_last_are_kept():
+    made = []
+
+    def make() -> np.ndarray:
+        made.append(1)
+        return np.zeros((4, 2), np.float32)
+
+    layouts = Layouts(most_bytes=3 * make().nbytes)
+    for digest in "abcaabdac":
+        layouts.get(digest, 64, make)
+    assert len(made) == 1 + 5  # with d goes c, which is made again
 
 
 # By what it is known again
@@ -292,6 +309,39 @@ def test_meshes_of_all_kinds():
     assert outline.baked
     shown = {index for instance in outline.instances for index in instance.materials}
     assert not any(outline.materials[index].unread_opacity for index in shown)
+
+
+def looked_at(**options):
+    """A scan for a panel or a preview: of what is baked already."""
+    exact = reading.Exact(can_bake=False)
+    return scan(bpy.context.evaluated_depsgraph_get(), ScanOptions(size=(32, 18), exact=exact, **options))
+
+
+def test_faces_are_laid_out_where_arrays_are_taken_and_once(monkeypatch):
+    scene = floor_scene()
+    card(clear_by("Card", noise))
+    read(scene)
+    laid_out = []
+    monkeypatch.setattr(reading, "layout_of", lambda *asked: laid_out.append(asked) or layout_of(*asked))
+    monkeypatch.setattr(reading, "LAYOUTS", Layouts())
+    found = [looked_at() for _edit in range(3)]
+    assert not laid_out
+    first, *others = [extract(each).meshes for each in found]
+    assert len(laid_out) == 1
+    assert sum(mesh.corner_uvs is not None for mesh in first) == 1
+    for meshes in others:
+        for one, other in zip(first, meshes, strict=True):
+            np.testing.assert_array_equal(one.corner_uvs, other.corner_uvs)
+
+
+def test_the_clock_is_looked_at_with_every_instance(monkeypatch):
+    """Of one that shows what is baked: it may take long."""
+    floor_scene()
+    ticks = itertools.count()
+    monkeypatch.setattr(scan_module, "time", SimpleNamespace(thread_time=lambda: next(ticks)))
+    scan(bpy.context.evaluated_depsgraph_get(), ScanOptions(size=(32, 18), seconds=2.0))
+    with pytest.raises(TooLong):
+        looked_at(seconds=2.0)
 
 
 def test_instances_that_nodes_tell_apart_stay_unread():

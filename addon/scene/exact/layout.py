@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 SMALLEST = 2
@@ -10,6 +12,29 @@ SMALLEST = 2
 _INSET = 0.49
 """Of a texel: corners lie just outside of the middles of their squares' outermost texels, so that those are
 baked, and what is interpolated within a face is of its own texels alone, up to its very edges."""
+
+
+MOST_BYTES = 256 << 20
+
+
+class Layouts:
+    """Those asked for last, as many as fit `most_bytes`: previews ask for the same ones after every edit."""
+
+    def __init__(self, most_bytes: int = MOST_BYTES):
+        self._most_bytes = most_bytes
+        self._known: dict[tuple[str, int], np.ndarray] = {}  # asked for longest ago first
+
+    def get(self, digest: str, size: int, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """Of the mesh of that digest in a picture of that size; `make` is asked where it is not known."""
+        found = self._known.pop((digest, size), None)
+        found = self._known[digest, size] = make() if found is None else found
+        held = sum(each.nbytes for each in self._known.values())
+        while held > self._most_bytes and len(self._known) > 1:
+            held -= self._known.pop(next(iter(self._known))).nbytes
+        return found
+
+
+LAYOUTS = Layouts()
 
 
 def least_size(faces: int) -> int:

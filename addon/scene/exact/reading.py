@@ -19,7 +19,7 @@ from ...core.shot import Raster
 from ..materials import BASE_COLOUR, EMISSION, METALLIC, OPACITY, Images, ReadMaterial, read_material
 from ..mesh_arrays import mesh_arrays
 from ..pixels import LARGEST
-from .layout import layout_of
+from .layout import LAYOUTS, layout_of
 from .leaves import Appearance, BakedLeaves, Leaf, random_of
 from .mesh_content import generated_of, mesh_digest
 from .size import area_of, size_for, sizes_for
@@ -81,19 +81,11 @@ class Exact:
     seconds: dict[str, float] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
     can_bake: bool = True
-    _layouts: dict[tuple[str, int], np.ndarray] = field(default_factory=dict)
     _waiting: list[Work] = field(default_factory=list)
     _copies: list[bpy.types.Mesh] = field(default_factory=list)
 
     def known(self, key: str) -> np.ndarray | None:
         return self.made[key] if key in self.made else self.store.get(key)
-
-    def layout(self, mesh: MeshArrays, digest: str, size: int) -> np.ndarray:
-        """(C, 2) f32: where the faces of the mesh of that digest are baked."""
-        if (digest, size) not in self._layouts:
-            arrays = mesh.positions, mesh.corner_vertices, mesh.face_starts
-            self._layouts[digest, size] = layout_of(*arrays, size)
-        return self._layouts[digest, size]
 
     @property
     def is_waiting(self) -> bool:
@@ -237,7 +229,7 @@ class ExactScan:
         )
         for size in sizes:
             if (pointer, size) not in self._meshes:
-                layout = partial(self.exact.layout, arrays, digest, size)
+                layout = partial(_layout, arrays, digest, size)
                 self._meshes[pointer, size] = ExactMesh(data, digest, size, layout, generated)
             yield self._meshes[pointer, size]
 
@@ -306,6 +298,12 @@ class ExactScan:
             if leaves and index in materials:
                 found.append(replace(part, leaves=leaves))
         return found
+
+
+def _layout(mesh: MeshArrays, digest: str, size: int) -> np.ndarray:
+    """(C, 2) f32: where the faces of the mesh of that digest are baked."""
+    arrays = mesh.positions, mesh.corner_vertices, mesh.face_starts
+    return LAYOUTS.get(digest, size, lambda: layout_of(*arrays, size))
 
 
 def appearance_of(instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> Appearance:
