@@ -133,7 +133,7 @@ def _with_places(scan: Scan, outline: Outline, moved: Iterable[int], objects, de
         index = scan.instance_owners.index(uid)
         if instances[index].mesh in scan.own_boxes:
             return None
-        if scan.exactly is not None and scan.exactly.hangs_on(instances[index].materials):
+        if scan.exactly is not None and scan.exactly.are_of_object(instances[index].materials):
             return None  # what is baked of them may hang on the place
         evaluated = thing.evaluated_get(depsgraph)
         matrix = matrix_of(evaluated.matrix_world)

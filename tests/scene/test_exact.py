@@ -24,6 +24,7 @@ from strata.addon.scene.exact.store import Store, cache_folder
 from strata.addon.scene.exact.upstream import upstream_of
 from strata.addon.scene.extract import extract
 from strata.addon.scene.nodes.graph import Graph
+from strata.addon.scene.rescan import Changes, patched
 from strata.addon.scene.scan import ScanOptions, TooLong, scan
 from strata.tests.support.cycles_card import card_scene, rendered
 from strata.tests.support.procedural import card, clear_by, coordinates, floor_scene, noise
@@ -332,6 +333,28 @@ def test_faces_are_laid_out_where_arrays_are_taken_and_once(monkeypatch):
     for meshes in others:
         for one, other in zip(first, meshes, strict=True):
             np.testing.assert_array_equal(one.corner_uvs, other.corner_uvs)
+
+
+@pytest.mark.parametrize("is_of_object", [False, True])
+def test_a_moved_object_is_read_again_where_its_bakes_hang_on_it(is_of_object):
+    scene = floor_scene()
+
+    def made(tree):
+        geometry = tree.nodes.new("ShaderNodeNewGeometry")
+        return noise(tree, geometry.outputs["Position"] if is_of_object else coordinates(tree, "Generated"))
+
+    shown = card(clear_by("Card", made))
+    read(scene)
+    before = looked_at().without_sources()
+    assert before.exactly.parts
+    shown.location.x += 0.5
+    bpy.context.view_layer.update()
+    changes = Changes(moved={shown.session_uid})
+    outline = patched(before, changes, bpy.context.evaluated_depsgraph_get())
+    if is_of_object:
+        assert outline is None
+    else:
+        assert outline.instances == looked_at().outline.instances != before.outline.instances
 
 
 def test_the_clock_is_looked_at_with_every_instance(monkeypatch):

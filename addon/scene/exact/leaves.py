@@ -55,6 +55,8 @@ class BakedLeaves:
     can_bake: bool
     seen_upstream: dict[tuple, Upstream] = field(default_factory=dict)
     found: dict[str, Leaf] = field(default_factory=dict)
+    are_of_object: bool = False
+    """Whether any hangs on more of an object than its mesh."""
 
     def value(
         self, graph: Graph, node: bpy.types.Node, output: bpy.types.NodeSocket, path: Path, read: Value
@@ -68,6 +70,7 @@ class BakedLeaves:
             return read if is_unread else unread(read.kind, f"node '{upstream.eye}'")
         if upstream.is_of_object and self.appearance is None:
             return unread(read.kind, f"node '{node.name}' (it differs between instances)")
+        self.are_of_object = self.are_of_object or upstream.is_of_object
         # What is unread is of the socket's kind, a colour or a vector at least.
         made_of = [
             upstream.digest, output.identifier, read.kind, self.mesh, self.slots, self.size, FORMAT,

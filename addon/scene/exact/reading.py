@@ -56,7 +56,7 @@ class ExactMesh:
 class Part:
     """A material as it is on some slots of a mesh, of `slot_count`. `leaves` are in its textures; `met` has
     the keys of all that reading it came upon, also of those that folded to constants: parts on equal meshes
-    are one where these agree."""
+    are one where these agree. `is_of_object`: some of that hangs on more of an object than its mesh."""
 
     material: bpy.types.Material | None
     name: str
@@ -67,6 +67,7 @@ class Part:
     read: ReadMaterial
     leaves: tuple[Leaf, ...]
     met: frozenset[str]
+    is_of_object: bool
 
 
 @dataclass(eq=False)
@@ -256,12 +257,13 @@ class ExactScan:
         used = tuple(leaf for key, leaf in leaves.found.items() if key in keys)
         met = frozenset(leaves.found)
         return Part(
-            material.original, material.name_full, mesh, slots, slot_count, appearance, read, used, met
-        )
+            material.original, material.name_full, mesh, slots, slot_count, appearance, read, used, met,
+            leaves.are_of_object,
+        )  # fmt: skip
 
-    def hangs_on(self, materials: Iterable[int]) -> bool:
-        """Whether any of these is one that is baked."""
-        return not self.parts.keys().isdisjoint(materials)
+    def are_of_object(self, materials: Iterable[int]) -> bool:
+        """Whether any of these has something baked that hangs on more of an object than its mesh."""
+        return any(index in self.parts and self.parts[index].is_of_object for index in materials)
 
     def without_sources(self) -> ExactScan:
         """Without Blender's own data."""
