@@ -62,9 +62,9 @@ def default_material() -> Material:
 
 @dataclass(frozen=True, eq=False)
 class ReadMaterial:
-    """A material and its warnings. `unread` is what of 'opacity', 'base colour' and 'emission' is not read,
-    and only for what its nodes are. By such words, `baked` has keys of the textures that Blender bakes for
-    it."""
+    """A material and its warnings. `unread` is what of 'opacity', 'base colour', 'metallic' and 'emission' is
+    not read, and only for what its nodes are. By such words, `baked` has keys of the textures that Blender
+    bakes for it."""
 
     material: Material
     warnings: list[str] = field(default_factory=list)

@@ -31,7 +31,7 @@ class ScannedMaterials:
     _unread_displacements: dict[int, tuple[str, str]] = field(default_factory=dict)
     _indices: dict[int, int] = field(default_factory=dict)
     _exact_indices: dict[tuple, int] = field(default_factory=dict)
-    _to_bake: dict[int, bpy.types.Material] = field(default_factory=dict)
+    _to_bake: dict[int, tuple[bpy.types.Material, ReadMaterial]] = field(default_factory=dict)
     _warnings: dict[int, list[str]] = field(default_factory=dict)
 
     def __post_init__(self):
@@ -88,8 +88,8 @@ class ScannedMaterials:
         found: dict[int, int] = {}
         for slot in lacking:
             where = tuple(number for number, each in enumerate(slots) if each == slot)
-            material = self._to_bake[slot]
-            part = self.exactly.read(material, mesh, where, len(slots), appearance, has_many)
+            material, fast = self._to_bake[slot]
+            part = self.exactly.read(material, fast, mesh, where, len(slots), appearance, has_many)
             if not isinstance(part, Part):
                 self._warnings[slot] = part
                 continue
@@ -112,8 +112,8 @@ class ScannedMaterials:
         else:
             read = read_material(material, self.images)
             index = self._add(material, read)
-            if self.exactly is not None and self.exactly.is_for(read):
-                self._to_bake[index] = material
+            if self.exactly is not None and self.exactly.is_worth(read, set(read.unread)):
+                self._to_bake[index] = material, read
             moved, unread = displacement_of(material)
             if moved is not None:
                 self.displacements[index] = moved

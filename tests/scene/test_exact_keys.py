@@ -7,14 +7,16 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from strata.addon.bake import read_scene
+from strata.addon.bake import read_depsgraph, read_scene
 from strata.addon.planning import Options
 from strata.addon.scene.exact import reading
 from strata.addon.scene.exact.rounds import MOST_ROUNDS
 from strata.addon.scene.exact.store import Store
 from strata.addon.scene.exact.upstream import upstream_of
 from strata.addon.scene.nodes.graph import Graph
+from strata.addon.scene.render_depsgraph import with_render_depsgraph
 from strata.tests.support.procedural import card, clear_by, floor_scene, noise
+from strata.tests.support.random_nodes import float_image
 
 OPTIONS = Options(("soft_shadow",), "cpu", samples=1, probes=0, read="exact")
 
@@ -100,6 +102,73 @@ def test_objects_of_one_mesh_have_their_own_constants():
 
 
 # When it is not to be used
+
+
+def layer_weight(tree):
+    return tree.nodes.new("ShaderNodeLayerWeight").outputs["Facing"]
+
+
+@pytest.mark.parametrize("has_noise", [False, True])
+def test_a_strength_that_cannot_be_baked_keeps_its_own_number(has_noise):
+    scene = floor_scene()
+    material = bpy.data.materials.new("Card")
+    tree = material.node_tree
+    shader = tree.nodes["Principled BSDF"]
+    shader.inputs["Emission Color"].default_value = (1.0, 0.5, 0.0, 1.0)
+    shader.inputs["Emission Strength"].default_value = 2.0
+    tree.links.new(layer_weight(tree), shader.inputs["Emission Strength"])
+    if has_noise:
+        tree.links.new(noise(tree), shader.inputs["Base Color"])
+    name = card(material).name
+    outline, *_ = read(scene, composite=True)
+    fast, *_ = read(scene, composite=True, read="fast")
+    assert bool(outline.baked) == has_noise
+    for each in (outline, fast):
+        assert shown_by(each, name).emission == (2.0, 1.0, 0.0)
+        assert "material 'Card': node 'Layer Weight' is not read for emission" in each.warnings
+    if not has_noise:
+        assert outline.warnings == fast.warnings
+
+
+def test_a_picture_stays_as_fine_where_opacity_cannot_be_baked():
+    scene = floor_scene()
+    material = bpy.data.materials.new("Card")
+    tree = material.node_tree
+    shader, mix = tree.nodes["Principled BSDF"], tree.nodes.new("ShaderNodeMixShader")
+    texture = tree.nodes.new("ShaderNodeTexImage")
+    texture.image = float_image("Fine", 1024, 1)
+    tree.links.new(texture.outputs["Color"], shader.inputs["Base Color"])
+    tree.links.new(layer_weight(tree), mix.inputs[0])
+    tree.links.new(tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
+    tree.links.new(shader.outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    name = card(material).name
+    outline, *_ = read(scene, composite=True)
+    fast, *_ = read(scene, composite=True, read="fast")
+    assert not outline.baked
+    assert outline.warnings == fast.warnings
+    assert outline.images[shown_by(outline, name).base_color_image].size == (1024, 1024)
+
+
+def test_of_what_stays_as_it_was_only_that_is_told():
+    """A base colour that is read, beside an opacity that is not baked yet."""
+    scene = floor_scene()
+    material = clear_by("Card", noise)
+    tree = material.node_tree
+    texture = tree.nodes.new("ShaderNodeTexImage")
+    texture.image = float_image("Image", 8, 1)
+    tree.links.new(texture.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    name = card(material).name
+    exact = reading.Exact(can_bake=False)
+
+    def look(depsgraph):
+        return read_depsgraph(depsgraph, replace(OPTIONS, composite=True), size=(32, 18), exact=exact)
+
+    outline, *_ = with_render_depsgraph(scene, scene.view_layers[0], look)
+    assert shown_by(outline, name).base_color_image is not None
+    (warning,) = outline.warnings
+    assert warning.startswith("material 'Card': node 'Noise Texture' (not baked yet")
+    assert warning.endswith("is not read for opacity, it counts as opaque")
 
 
 def test_a_scene_that_is_never_the_same_is_read_in_the_end():

@@ -237,23 +237,25 @@ class ExactScan:
     def read(
         self,
         material: bpy.types.Material,
+        fast: ReadMaterial,
         mesh: ExactMesh,
         slots: tuple[int, ...],
         slot_count: int,
         appearance: Appearance,
         has_many: bool,
     ) -> Part | list[str]:
-        """A material on slots of a mesh; where nothing more is read of it so, its warnings, which say why.
-        `has_many`: it is shown by many instances, of which `appearance` is the first."""
+        """A material on slots of a mesh; where that is not worth it beside what its nodes give (`fast`), its
+        warnings, which say why. `has_many`: it is shown by many instances, of which `appearance` is the
+        first."""
         upstream = self._upstream.setdefault(material.as_pointer(), {})
         leaves = BakedLeaves(
             mesh.digest, slots, mesh.size, None if has_many else appearance,
             self.exact.known, self.exact.failed, self.exact.can_bake, upstream,
         )  # fmt: skip
         read = read_material(material, self.images, leaves)
+        if not self.is_worth(fast, set(fast.unread) - set(read.unread)):
+            return _warnings_of(fast, read)
         keys = frozenset().union(*read.baked.values())
-        if not keys and read.unread:
-            return read.warnings
         used = tuple(leaf for key, leaf in leaves.found.items() if key in keys)
         met = frozenset(leaves.found)
         return Part(
@@ -277,15 +279,15 @@ class ExactScan:
         return ExactScan(self.exact, Images(), parts)
 
     @staticmethod
-    def is_for(read: ReadMaterial) -> bool:
-        """Whether a material is to be read exactly. One whose opacity is read well is not for its colours'
-        sake, nor a base colour for metallic's: all pictures would lie where things are baked, and be
-        coarser."""
-        if OPACITY in read.unread or not read.unread:
-            return OPACITY in read.unread
-        if any(not each.is_uniform for each in read.material.opacities):
+    def is_worth(fast: ReadMaterial, gained: set[str]) -> bool:
+        """Whether a material is to be read exactly, if that gains so much of what is `unread` by its nodes.
+        One whose opacity is read well, or never, is not for its colours' sake, nor a base colour for
+        metallic's: all pictures would lie where things are baked, and be coarser."""
+        if OPACITY in gained or not gained:
+            return OPACITY in gained
+        if any(not each.is_uniform for each in fast.material.opacities):
             return False
-        return set(read.unread) != {METALLIC} or read.material.base_color_image is None
+        return gained != {METALLIC} or fast.material.base_color_image is None
 
     def needed(self, graph: Graph, outline: Outline) -> list[Part]:
         """Those of which a plan reads anything that is baked, with that alone."""
@@ -306,6 +308,16 @@ def _layout(mesh: MeshArrays, digest: str, size: int) -> np.ndarray:
     """(C, 2) f32: where the faces of the mesh of that digest are baked."""
     arrays = mesh.positions, mesh.corner_vertices, mesh.face_starts
     return LAYOUTS.get(digest, size, lambda: layout_of(*arrays, size))
+
+
+def _warnings_of(fast: ReadMaterial, read: ReadMaterial) -> list[str]:
+    """Of a material that stays as its nodes are read: with the reasons why what is unread still is."""
+
+    def is_explained(line: str) -> bool:
+        return any(f" not read for {use}" in line for use in read.unread if use in fast.unread)
+
+    kept = [line for line in fast.warnings if not is_explained(line)]
+    return kept + [line for line in read.warnings if is_explained(line)]
 
 
 def appearance_of(instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> Appearance:

@@ -139,9 +139,9 @@ class At:
         return unread(kind, f"node '{self.node.name}'" + (f" ({why})" if why else ""))
 
     def known(self, identifier: str, use: str) -> Value:
-        """An input; the socket's own number, and a warning, where it is not read and nothing is baked."""
+        """An input; the socket's own number, and a warning, where it is not read, nor baked."""
         value = self.input(identifier)
-        if not value.unread or self.graph.leaves is not None:
+        if not value.unread:
             return value
         self.graph.lacking[use] = None
         self.graph.tell(f"{origins(value)} not read for {use}")
