@@ -16,7 +16,7 @@ from strata.addon.core.shot import Raster
 from strata.addon.planning import Options
 from strata.addon.scene import scan as scan_module
 from strata.addon.scene.cameras import camera_of
-from strata.addon.scene.exact import reading, workshop
+from strata.addon.scene.exact import reading, upstream, workshop
 from strata.addon.scene.exact.layout import SMALLEST, Layouts, layout_of, least_size
 from strata.addon.scene.exact.leaves import random_of
 from strata.addon.scene.exact.size import size_for, sizes_for
@@ -310,6 +310,30 @@ def test_meshes_of_all_kinds():
     assert outline.baked
     shown = {index for instance in outline.instances for index in instance.materials}
     assert not any(outline.materials[index].unread_opacity for index in shown)
+
+
+def test_an_image_is_gone_through_once_in_a_scan(monkeypatch):
+    gone_through = []
+    content = upstream.content_of
+    monkeypatch.setattr(upstream, "content_of", lambda image: gone_through.append(image) or content(image))
+    scene = floor_scene()
+    image = float_image("Leaf", 8, 1)
+
+    def by_an_image(tree):
+        texture = tree.nodes.new("ShaderNodeTexImage")
+        texture.image = image
+        return noise(tree, texture.outputs["Color"])
+
+    for number in range(3):
+        card(clear_by(f"Card {number}", by_an_image), (0.0, 0.0, 1.0 + number))
+    looked_at()
+    assert gone_through == [image]
+    read(scene)
+    before = looked_at()
+    image.pixels[0] = 0.25
+    after = looked_at()
+    assert before.exactly.parts
+    assert not after.exactly.parts  # it is another image
 
 
 def looked_at(**options):

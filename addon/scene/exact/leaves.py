@@ -12,7 +12,7 @@ import numpy as np
 from ..nodes.baked import BakedTexture
 from ..nodes.graph import Graph, Path
 from ..nodes.values import FLOAT, Unread, Value, unread
-from .upstream import Upstream, upstream_of
+from .upstream import Images, Upstream, upstream_of
 
 FORMAT = 2
 """Of what is kept, and of how it is baked: another number, and all is baked anew."""
@@ -44,7 +44,7 @@ class Leaf:
 class BakedLeaves:
     """Those of one material on some slots of one mesh. `mesh` and `slots` tell which; `appearance` is None
     where many instances show it. `known(key)` gives what is baked, `failed` why something cannot be;
-    `seen_upstream` is shared by all that read the same tree."""
+    `seen_upstream` is shared by all that read the same tree, `images` by all of a scan."""
 
     mesh: str
     slots: tuple[int, ...]
@@ -54,6 +54,7 @@ class BakedLeaves:
     failed: dict[str, str]
     can_bake: bool
     seen_upstream: dict[tuple, Upstream] = field(default_factory=dict)
+    images: Images = field(default_factory=dict)
     found: dict[str, Leaf] = field(default_factory=dict)
     are_of_object: bool = False
     """Whether any hangs on more of an object than its mesh."""
@@ -63,7 +64,7 @@ class BakedLeaves:
     ) -> Value:
         place = (node.as_pointer(), output.identifier, *(group.as_pointer() for group in path))
         if place not in self.seen_upstream:
-            self.seen_upstream[place] = upstream_of(graph, node, output, path)
+            self.seen_upstream[place] = upstream_of(graph, node, output, path, self.images)
         upstream = self.seen_upstream[place]
         is_unread = read.hangs_on(Unread)
         if upstream.eye:

@@ -202,6 +202,7 @@ class ExactScan:
     _arrays: dict[int, tuple[MeshArrays, np.ndarray, str, float]] = field(default_factory=dict)
     _meshes: dict[tuple[int, int], ExactMesh] = field(default_factory=dict)
     _upstream: dict[int, dict[tuple, object]] = field(default_factory=dict)
+    _content: dict[int, str] = field(default_factory=dict)
 
     def meshes_of(
         self, data: bpy.types.Mesh, shown: bpy.types.Object, appearance: Appearance
@@ -250,7 +251,7 @@ class ExactScan:
         upstream = self._upstream.setdefault(material.as_pointer(), {})
         leaves = BakedLeaves(
             mesh.digest, slots, mesh.size, None if has_many else appearance,
-            self.exact.known, self.exact.failed, self.exact.can_bake, upstream,
+            self.exact.known, self.exact.failed, self.exact.can_bake, upstream, self._content,
         )  # fmt: skip
         read = read_material(material, self.images, leaves)
         if not self.is_worth(fast, set(fast.unread) - set(read.unread)):

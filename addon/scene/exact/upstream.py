@@ -56,8 +56,19 @@ class Upstream:
     is_of_object: bool
 
 
-def upstream_of(graph: Graph, node: bpy.types.Node, output: bpy.types.NodeSocket, path: Path) -> Upstream:
-    """Of an output of a node, evaluated as its tree is."""
+Images = dict[int, str]
+"""What is in images, by session ids: to go through the pixels of one may take a second."""
+
+
+def upstream_of(
+    graph: Graph,
+    node: bpy.types.Node,
+    output: bpy.types.NodeSocket,
+    path: Path,
+    images: Images | None = None,
+) -> Upstream:
+    """Of an output of a node, evaluated as its tree is. `images` gets what was not in it."""
+    images = {} if images is None else images
     numbers: dict[tuple, int] = {}
     used: dict[tuple, None] = {}  # nodes with one of their outputs
     waiting: list[tuple[bpy.types.Node, Path]] = []
@@ -73,18 +84,18 @@ def upstream_of(graph: Graph, node: bpy.types.Node, output: bpy.types.NodeSocket
     lines = [number(node, output, path)]
     while waiting:
         each, where = waiting.pop(0)
-        lines.append(f"{each.bl_idname} {list(_properties(each))}")
+        lines.append(f"{each.bl_idname} {list(_properties(each, images))}")
         for socket in each.inputs:
-            lines.append(f"{socket.identifier} {_origin(graph, socket, where, number)}")
+            lines.append(f"{socket.identifier} {_origin(graph, socket, where, number, images)}")
         # Value, Color and Normal have their numbers there.
         for socket in each.outputs:
-            lines.append(f"{socket.identifier} {_plain(getattr(socket, 'default_value', None))}")
+            lines.append(f"{socket.identifier} {_plain(getattr(socket, 'default_value', None), images)}")
     eye = next((each.name for each, name in used if _is_of_eye(each, name)), "")
     digest = hashlib.sha256("\n".join(lines).encode()).hexdigest()
     return Upstream(digest, eye, any(_is_of_object(each, name) for each, name in used))
 
 
-def _origin(graph: Graph, socket: bpy.types.NodeSocket, path: Path, number) -> str:
+def _origin(graph: Graph, socket: bpy.types.NodeSocket, path: Path, number, images: Images) -> str:
     """Where an input's number comes from: it itself, or an output by its number. With the kinds of all
     sockets between them, which convert it."""
     kinds = [socket.type]
@@ -92,7 +103,7 @@ def _origin(graph: Graph, socket: bpy.types.NodeSocket, path: Path, number) -> s
         link = link_of(socket)
         if link is None:
             value = getattr(socket, "default_value", None)
-            return f"{kinds} {_plain(value)}"
+            return f"{kinds} {_plain(value, images)}"
         kinds.append(link.from_socket.type)
         origin = graph.follow(link.from_node, link.from_socket, path)
         if origin is None:
@@ -127,7 +138,7 @@ def _is_of_object(node: bpy.types.Node, output: str) -> bool:
     return outputs is None or output in outputs
 
 
-def _properties(thing: bpy.types.bpy_struct, depth: int = 0) -> Iterator[str]:
+def _properties(thing: bpy.types.bpy_struct, images: Images, depth: int = 0) -> Iterator[str]:
     """All that is set of a node, or of what it holds."""
     not_read = _NOT_READ if isinstance(thing, bpy.types.Node) else _NOT_READ_WITHIN
     for prop in thing.bl_rna.properties:
@@ -137,23 +148,24 @@ def _properties(thing: bpy.types.bpy_struct, depth: int = 0) -> Iterator[str]:
         value = getattr(thing, name)
         if prop.type == "COLLECTION":
             if depth < 4:
-                yield from (f"{name} {list(_properties(each, depth + 1))}" for each in value)
+                yield from (f"{name} {list(_properties(each, images, depth + 1))}" for each in value)
         elif prop.type != "POINTER":
-            yield f"{name} {_plain(value)}"
+            yield f"{name} {_plain(value, images)}"
             if name == "filepath" and value:
                 yield _file_content(value)
         elif isinstance(value, bpy.types.ImageUser):
             if getattr(getattr(thing, "image", None), "source", "") in {"SEQUENCE", "MOVIE"}:
-                yield f"{name} {list(_properties(value, depth + 1))} {bpy.context.scene.frame_current}"
+                shown = list(_properties(value, images, depth + 1))
+                yield f"{name} {shown} {bpy.context.scene.frame_current}"
         elif isinstance(value, bpy.types.ID):
-            yield f"{name} {_content(value)}"
+            yield f"{name} {_content(value, images)}"
         elif value is not None and depth < 4:
-            yield f"{name} {list(_properties(value, depth + 1))}"
+            yield f"{name} {list(_properties(value, images, depth + 1))}"
 
 
-def _plain(value) -> str:
+def _plain(value, images: Images) -> str:
     if isinstance(value, bpy.types.ID):
-        return _content(value)
+        return _content(value, images)
     if value is None or isinstance(value, bool | int | float | str):
         return repr(value)
     if isinstance(value, set):
@@ -161,12 +173,15 @@ def _plain(value) -> str:
     return repr(np.asarray(value).ravel().tolist())
 
 
-def _content(data: bpy.types.ID) -> str:
+def _content(data: bpy.types.ID, images: Images) -> str:
     """What of other data a node may read."""
     if isinstance(data, bpy.types.Image):
-        return repr(content_of(data.original))
+        image = data.original
+        if image.session_uid not in images:
+            images[image.session_uid] = repr(content_of(image))
+        return images[image.session_uid]
     if isinstance(data, bpy.types.Object):
-        return _plain(data.matrix_world)
+        return _plain(data.matrix_world, images)
     if isinstance(data, bpy.types.Text):
         return data.as_string()
     if isinstance(data, bpy.types.NodeTree):
