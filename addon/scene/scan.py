@@ -153,14 +153,10 @@ class _Scanner:
             self._warn(warning)
         if self.materials.exactly is not None:
             self.materials.exactly.raster = raster
+            for instance, shown in self._each_shown(end, BETWEEN_LOOKS):
+                self.materials.exactly.add_place(instance, shown)
         # Of one that shows what is baked, mesh and images are gone through.
-        between = BETWEEN_LOOKS if self.options.exact is None else 1
-        for number, instance in enumerate(self.depsgraph.object_instances):
-            if number % between == 0 and time.thread_time() > end:
-                raise TooLong(f"scene '{scene.name}' takes long to read")
-            shown = instance.object
-            if not self._is_shown(instance, shown):
-                continue
+        for instance, shown in self._each_shown(end, BETWEEN_LOOKS if self.options.exact is None else 1):
             if shown.type in _READ:
                 self._shapes(instance, shown)
             elif shown.type == "LIGHT":
@@ -217,6 +213,17 @@ class _Scanner:
     @property
     def is_render(self) -> bool:
         return self.depsgraph.mode == "RENDER"
+
+    def _each_shown(
+        self, end: float, between: int
+    ) -> Iterator[tuple[bpy.types.DepsgraphObjectInstance, bpy.types.Object]]:
+        """Instances with their objects; Blender's are gone with the next one. After every `between` of them
+        it is seen whether this thread has got to `end`, in seconds."""
+        for number, instance in enumerate(self.depsgraph.object_instances):
+            if number % between == 0 and time.thread_time() > end:
+                raise TooLong(f"scene '{self.depsgraph.scene_eval.name}' takes long to read")
+            if self._is_shown(instance, instance.object):
+                yield instance, instance.object
 
     def _is_shown(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> bool:
         if self.options.shows is None:

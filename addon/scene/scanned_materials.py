@@ -70,7 +70,7 @@ class ScannedMaterials:
         if not lacking or not isinstance(data, bpy.types.Mesh):
             return slots, None
         appearance = appearance_of(instance, shown)
-        for mesh in self.exactly.meshes_of(data, shown, appearance):
+        for mesh in self.exactly.meshes_of(instance, shown, data):
             found = self._on(mesh, slots, lacking, appearance, instance.is_instance)
             if found:
                 return tuple(found.get(slot, slot) for slot in slots), mesh

@@ -408,6 +408,24 @@ def test_instances_that_nodes_tell_apart_stay_unread():
     assert "(it differs between instances)" in outline.warnings[0]
 
 
+@pytest.mark.parametrize("heights", [(-300.0, 0.0, -300.0), (0.0, -300.0)])
+def test_instances_are_as_fine_as_the_nearest_needs(heights):
+    scene = floor_scene()
+    shown = card(clear_by("Card", noise))
+    mesh = bpy.data.meshes.new("Points")
+    mesh.from_pydata([(0.0, 0.0, height) for height in heights], [], [])
+    points = bpy.data.objects.new("Points", mesh)
+    points.instance_type = "VERTS"
+    scene.collection.objects.link(points)
+    shown.parent = points
+    bpy.context.view_layer.update()
+    asked = ScanOptions(size=(960, 540), exact=reading.Exact())
+    found = scan(bpy.context.evaluated_depsgraph_get(), asked)
+    assert len(found.outline.instances) == 2 + len(heights)  # the floor, and the card itself
+    # 3 m from 7 m away, 2 texels to each of 960 pixels: 1143, and 1024 at most; from 300 m the least will do.
+    assert {part.mesh.size for part in found.exactly.parts.values()} == {1024}
+
+
 def test_a_colour_by_a_voronoi_is_what_cycles_shows(tmp_path):
     shown = card_scene((24, 24))
     material = bpy.data.materials.new("Card")
@@ -521,7 +539,7 @@ def test_every_size_that_may_be_asked_for_is_among_those_looked_for(faces, most)
     scene = floor_scene()
     shown = card(bpy.data.materials.new("Card"))
     raster = Raster(camera_of(scene.camera), (960, 540))
-    matrix = np.array(shown.matrix_world, np.float64)
+    matrix = np.array(shown.matrix_world, np.float64)[None]
     sizes = sizes_for(faces, most)
     assert sizes == sorted(sizes, reverse=True)
     asked = [size_for(raster, shown, matrix, area, faces, most) for area in 10.0 ** np.arange(-9, 9)]

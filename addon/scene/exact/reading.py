@@ -192,20 +192,28 @@ def seconds_to_bake(size: int) -> float:
 @dataclass(eq=False)
 class ExactScan:
     """What one scan finds to be read exactly. `parts` are by material of the outline; `warnings` are to be
-    told."""
+    told; `places`: matrices of instances, before anything is read."""
 
     exact: Exact
     images: Images
     parts: dict[int, Part] = field(default_factory=dict)
     warnings: dict[str, None] = field(default_factory=dict)
     raster: Raster | None = None
+    places: dict[tuple, list[tuple[float, ...]]] = field(default_factory=dict)
     _arrays: dict[int, tuple[MeshArrays, np.ndarray, str, float]] = field(default_factory=dict)
     _meshes: dict[tuple[int, int], ExactMesh] = field(default_factory=dict)
     _upstream: dict[int, dict[tuple, object]] = field(default_factory=dict)
     _content: dict[int, str] = field(default_factory=dict)
 
+    def add_place(self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> None:
+        """Of one of many instances: the nearest of them says how fine they are."""
+        if instance.is_instance and shown.type == "MESH":
+            matrix = instance.matrix_world
+            rows = (*matrix[0], *matrix[1], *matrix[2], *matrix[3])
+            self.places.setdefault(_place_key(instance, shown), []).append(rows)
+
     def meshes_of(
-        self, data: bpy.types.Mesh, shown: bpy.types.Object, appearance: Appearance
+        self, instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object, data: bpy.types.Mesh
     ) -> Iterator[ExactMesh]:
         """As fine as it has to be where an object shows it, if it has not too many faces. Where nothing can
         be baked, others after that: another camera may have asked for them."""
@@ -218,8 +226,9 @@ class ExactScan:
         arrays, generated, digest, area = self._arrays[pointer]
         if not len(arrays.corner_vertices):
             return
-        matrix = np.array(appearance.matrix, np.float64)
-        size = size_for(self.raster, shown, matrix, area, len(data.polygons), self.exact.texels)
+        places = self.places.get(_place_key(instance, shown)) or [instance.matrix_world]
+        matrices = np.array(places, np.float64).reshape(-1, 4, 4)
+        size = size_for(self.raster, shown, matrices, area, len(data.polygons), self.exact.texels)
         if size > LARGEST:
             told = f"object '{shown.name}': its materials are not baked, it has too many faces"
             self.warnings[told] = None
@@ -303,6 +312,12 @@ class ExactScan:
             if leaves and index in materials:
                 found.append(replace(part, leaves=leaves))
         return found
+
+
+def _place_key(instance: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object) -> tuple[int, int, int]:
+    """The same for all that one instancer makes of a mesh."""
+    owner = instance.parent if instance.is_instance else shown
+    return shown.original.session_uid, owner.original.session_uid, shown.data.as_pointer()
 
 
 def _layout(mesh: MeshArrays, digest: str, size: int) -> np.ndarray:

@@ -16,21 +16,21 @@ TEXELS_PER_PIXEL = 2.0  # of the picture, where the mesh is nearest; its shadows
 
 
 def size_for(
-    raster: Raster, shown: bpy.types.Object, matrix: np.ndarray, area: float, faces: int, most: int
+    raster: Raster, shown: bpy.types.Object, matrices: np.ndarray, area: float, faces: int, most: int
 ) -> int:
-    """Texels a side, a power of two, for an object of `area` m² in its own space, (4, 4) its matrix from it
-    to the world; `most` unless the faces need more."""
+    """Texels a side, a power of two, for an object of `area` m² in its own space, (N, 4, 4) its matrices from
+    it to the world, of which one needs the most; `most` unless the faces need more."""
     corners = np.array([corner[:] for corner in shown.bound_box], np.float64)
-    corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
+    corners = corners @ matrices[:, :3, :3].transpose(0, 2, 1) + matrices[:, None, :3, 3]
     view, (width, _) = raster.view, raster.computed_size
     left, right, _, _ = view.window
-    pixel = (right - left) / width
+    pixels = (right - left) / width
     if not view.orthographic:
         eye = np.array(view.eye)
-        nearest = np.clip(eye, corners.min(axis=0), corners.max(axis=0))
-        pixel *= max(float(np.linalg.norm(nearest - eye)), view.near)
-    area *= _stretching(matrix)
-    wanted = TEXELS_PER_PIXEL * math.sqrt(area) / pixel if pixel > 0.0 else math.inf
+        nearest = np.clip(eye, corners.min(axis=1), corners.max(axis=1))
+        pixels = pixels * np.maximum(np.linalg.norm(nearest - eye, axis=1), view.near)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        wanted = float(np.max(TEXELS_PER_PIXEL * np.sqrt(area * _stretchings(matrices)) / pixels))
     wanted = min(max(wanted, LEAST), most) if wanted == wanted else most
     return max(_power_of_two(wanted), least_size(faces))
 
@@ -49,12 +49,13 @@ def _power_of_two(number: float) -> int:
     return 1 << (math.ceil(number) - 1).bit_length()
 
 
-def _stretching(matrix: np.ndarray) -> float:
-    """What areas grow by, at most."""
-    if not np.isfinite(matrix).all():
-        return 1.0
-    first, second, _ = np.linalg.svd(matrix[:3, :3], compute_uv=False)
-    return float(first * second)
+def _stretchings(matrices: np.ndarray) -> np.ndarray:
+    """(N,) what areas grow by, at most."""
+    found = np.ones(len(matrices))
+    finite = np.isfinite(matrices).all(axis=(1, 2))
+    lengths = np.linalg.svd(matrices[finite, :3, :3], compute_uv=False)
+    found[finite] = lengths[:, 0] * lengths[:, 1]
+    return found
 
 
 def area_of(mesh: MeshArrays) -> float:
