@@ -42,7 +42,7 @@ ERROR = LayerError(
     sampling=0.0105,
     display=0.008,
 )
-OUTLINE = types.SimpleNamespace(scene_name="court.blend", frame=7)
+OUTLINE = types.SimpleNamespace(scene_name="court.blend", frame=7, baked=())
 NAMES = ["Soft Shadow Key", "Soft Shadow Fill"]
 
 
@@ -85,7 +85,7 @@ def test_json_has_the_documented_keys():
     assert json.loads(json.dumps(document, allow_nan=False)) == document
     assert list(document) == [
         "strata", "blender", "scene", "frame", "size", "seed", "backend", "backend_reason", "seconds",
-        "compile_seconds", "peak_mb", "steps", "layers", "left_out", "warnings", "memory",
+        "compile_seconds", "peak_mb", "steps", "layers", "left_out", "warnings", "memory", "baked",
     ]  # fmt: skip
     assert document["size"] == [960, 540]
     assert document["steps"] == [
