@@ -153,6 +153,8 @@ class _Scanner:
             self._warn(warning)
         if self.materials.exactly is not None:
             self.materials.exactly.raster = raster
+            # Without Cycles' add-on nothing is baked.
+            self.materials.exactly.uses_osl = hasattr(scene, "cycles") and scene.cycles.shading_system
             for instance, shown in self._each_shown(end, BETWEEN_LOOKS):
                 self.materials.exactly.add_place(instance, shown)
         # Of one that shows what is baked, mesh and images are gone through.

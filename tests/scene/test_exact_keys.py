@@ -10,10 +10,12 @@ import pytest
 from strata.addon.bake import read_depsgraph, read_scene
 from strata.addon.planning import Options
 from strata.addon.scene.exact import reading
+from strata.addon.scene.exact.leaves import Appearance, BakedLeaves
 from strata.addon.scene.exact.rounds import MOST_ROUNDS
 from strata.addon.scene.exact.store import Store
 from strata.addon.scene.exact.upstream import upstream_of
 from strata.addon.scene.nodes.graph import Graph
+from strata.addon.scene.nodes.values import FLOAT, unread
 from strata.addon.scene.render_depsgraph import with_render_depsgraph
 from strata.tests.support.procedural import card, clear_by, floor_scene, noise
 from strata.tests.support.random_nodes import float_image
@@ -99,6 +101,64 @@ def test_objects_of_one_mesh_have_their_own_constants():
     assert not outline.warnings
     np.testing.assert_allclose(shown_by(outline, "First").base_color, (1.0, 0.0, 0.0), atol=1e-6)
     np.testing.assert_allclose(shown_by(outline, "Second").base_color, (0.0, 0.0, 1.0), atol=1e-6)
+
+
+def test_a_materials_own_index_counts():
+    scene = floor_scene()
+
+    def by_index(tree):
+        node = tree.nodes.new("ShaderNodeMath")
+        node.operation, node.inputs[1].default_value = "MULTIPLY", 0.25
+        tree.links.new(tree.nodes.new("ShaderNodeObjectInfo").outputs["Material Index"], node.inputs[0])
+        return node.outputs[0]
+
+    material = clear_by("Card", by_index)
+    name = card(material).name
+    for index in (1, 2):
+        material.pass_index = index
+        outline, *_ = read(scene)
+        assert [each.value for each in shown_by(outline, name).opacities] == [0.25 * index]
+
+
+def test_a_script_is_baked_anew_where_cycles_starts_to_run_it():
+    floor_scene()
+    tree = bpy.data.materials.new("Card").node_tree
+    script, texture = tree.nodes.new("ShaderNodeScript"), tree.nodes.new("ShaderNodeTexNoise")
+    output = script.outputs.new("NodeSocketFloat", "Out")
+    appearance = Appearance(tuple(map(tuple, np.eye(4))), (1.0,) * 4, 0, 0.5)
+
+    def keys(node, socket):
+        for uses_osl in (False, True):
+            leaves = BakedLeaves(
+                "mesh", (0,), 128, appearance, lambda _key: None, {}, True, 0, uses_osl
+            )  # fmt: skip
+            leaves.value(Graph(), node, socket, (), unread(FLOAT, "it"))
+            yield from leaves.found
+
+    assert len(set(keys(script, output))) == 2
+    assert len(set(keys(texture, texture.outputs[0]))) == 1
+
+
+def test_wires_are_as_wide_on_objects_of_any_size():
+    """So what is baked of objects that share a mesh differs with their size."""
+    scene = floor_scene()
+
+    def by_wires(tree):
+        node = tree.nodes.new("ShaderNodeWireframe")
+        node.inputs["Size"].default_value = 0.2
+        return node.outputs[0]
+
+    material = clear_by("Card", by_wires)
+    first = card(material)
+    second = first.copy()
+    scene.collection.objects.link(second)
+    second.location.z, second.scale = 2.0, (2.0, 2.0, 2.0)
+    outline, *_ = read(scene)
+    assert "of 2 meshes" in outline.baked[0]
+    material.node_tree.nodes["Wireframe"].use_pixel_size = True
+    outline, *_ = read(scene)
+    (warning,) = outline.warnings
+    assert warning == "material 'Card': node 'Wireframe' is not read for opacity, it counts as opaque"
 
 
 # When it is not to be used

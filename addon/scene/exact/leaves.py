@@ -43,8 +43,9 @@ class Leaf:
 @dataclass(eq=False)
 class BakedLeaves:
     """Those of one material on some slots of one mesh. `mesh` and `slots` tell which; `appearance` is None
-    where many instances show it. `known(key)` gives what is baked, `failed` why something cannot be;
-    `seen_upstream` is shared by all that read the same tree, `images` by all of a scan."""
+    where many instances show it. `material_index` is the material's pass index; `uses_osl`: Cycles runs
+    scripts. `known(key)` gives what is baked, `failed` why something cannot be; `seen_upstream` is shared by
+    all that read the same tree, `images` by all of a scan."""
 
     mesh: str
     slots: tuple[int, ...]
@@ -53,6 +54,8 @@ class BakedLeaves:
     known: Callable[[str], np.ndarray | None]
     failed: dict[str, str]
     can_bake: bool
+    material_index: int
+    uses_osl: bool
     seen_upstream: dict[tuple, Upstream] = field(default_factory=dict)
     images: Images = field(default_factory=dict)
     found: dict[str, Leaf] = field(default_factory=dict)
@@ -77,6 +80,8 @@ class BakedLeaves:
             upstream.digest, output.identifier, read.kind, self.mesh, self.slots, self.size, FORMAT,
             bpy.app.version_string, bpy.data.colorspace.working_space,
             self.appearance if upstream.is_of_object else None,
+            self.material_index if upstream.asks_material_index else None,
+            self.uses_osl if upstream.runs_scripts else None,
         ]  # fmt: skip
         key = hashlib.sha256(repr(made_of).encode()).hexdigest()[:40]
         if key in self.failed:

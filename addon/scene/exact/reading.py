@@ -199,6 +199,7 @@ class ExactScan:
     parts: dict[int, Part] = field(default_factory=dict)
     warnings: dict[str, None] = field(default_factory=dict)
     raster: Raster | None = None
+    uses_osl: bool = False
     places: dict[tuple, list[tuple[float, ...]]] = field(default_factory=dict)
     _arrays: dict[int, tuple[MeshArrays, np.ndarray, str, float]] = field(default_factory=dict)
     _meshes: dict[tuple[int, int], ExactMesh] = field(default_factory=dict)
@@ -260,7 +261,8 @@ class ExactScan:
         upstream = self._upstream.setdefault(material.as_pointer(), {})
         leaves = BakedLeaves(
             mesh.digest, slots, mesh.size, None if has_many else appearance,
-            self.exact.known, self.exact.failed, self.exact.can_bake, upstream, self._content,
+            self.exact.known, self.exact.failed, self.exact.can_bake,
+            material.pass_index, self.uses_osl, upstream, self._content,
         )  # fmt: skip
         read = read_material(material, self.images, leaves)
         if not self.is_worth(fast, set(fast.unread) - set(read.unread)):

@@ -41,7 +41,7 @@ _OF_OBJECT = {
     "ShaderNodeObjectInfo": None, "ShaderNodeTangent": None, "ShaderNodeVectorTransform": None,
     "ShaderNodeBump": None, "ShaderNodeNormalMap": None, "ShaderNodeBevel": None, "ShaderNodeScript": None,
     "ShaderNodeAmbientOcclusion": None, "ShaderNodeTexEnvironment": None, "ShaderNodeDisplacement": None,
-    "ShaderNodeVectorDisplacement": None,
+    "ShaderNodeVectorDisplacement": None, "ShaderNodeWireframe": None,
     "ShaderNodeNewGeometry": {"Position", "Normal", "Tangent", "True Normal"},
 }  # fmt: skip
 
@@ -49,11 +49,14 @@ _OF_OBJECT = {
 @dataclass(frozen=True)
 class Upstream:
     """`digest` of it all. `eye` is the name of a node that only an eye, or another object, can answer, empty
-    without one; `is_of_object`: objects that share a mesh may differ."""
+    without one; `is_of_object`: objects that share a mesh may differ. `asks_material_index`: it hangs on the
+    material's own; `runs_scripts`: on whether Cycles shades by OSL."""
 
     digest: str
     eye: str
     is_of_object: bool
+    asks_material_index: bool
+    runs_scripts: bool
 
 
 Images = dict[int, str]
@@ -92,7 +95,13 @@ def upstream_of(
             lines.append(f"{socket.identifier} {_plain(getattr(socket, 'default_value', None), images)}")
     eye = next((each.name for each, name in used if _is_of_eye(each, name)), "")
     digest = hashlib.sha256("\n".join(lines).encode()).hexdigest()
-    return Upstream(digest, eye, any(_is_of_object(each, name) for each, name in used))
+    return Upstream(
+        digest,
+        eye,
+        any(_is_of_object(each, name) for each, name in used),
+        any(each.bl_idname == "ShaderNodeObjectInfo" and name == "Material Index" for each, name in used),
+        any(each.bl_idname == "ShaderNodeScript" for each, _ in used),
+    )
 
 
 def _origin(graph: Graph, socket: bpy.types.NodeSocket, path: Path, number, images: Images) -> str:
@@ -121,6 +130,8 @@ def _is_of_eye(node: bpy.types.Node, output: str) -> bool:
         return not node.only_local
     if kind == "ShaderNodeVectorTransform":
         return "CAMERA" in (node.convert_from, node.convert_to)
+    if kind == "ShaderNodeWireframe":
+        return node.use_pixel_size
     if kind == "ShaderNodeAttribute":
         return node.attribute_type != "GEOMETRY"
     if kind in {"ShaderNodeTexCoord", "ShaderNodeUVMap"} and node.from_instancer:
