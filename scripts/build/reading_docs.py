@@ -65,13 +65,18 @@ How that is done:
   how large the camera sees it, or more where its faces need it.
 - Blender bakes in a scene of its own, with copies of what it needs. Nothing of that stays in the file.
 - Objects that share a mesh share what is baked, unless nodes tell them apart.
-- What is baked is kept, by all that it hangs on: nodes and what they read, the mesh, the object where nodes
-  ask for it, Blender's version. So a second bake, or another frame in which all that is the same, takes
-  nothing. It is kept in the user's folder for caches (at most 4 GB, what was used last; another folder by the
-  environment variable `STRATA_CACHE`, none where that is empty), and in memory where that cannot be written.
+- What is baked is kept, by all that it hangs on: nodes and what they read, the mesh, object and material
+  where nodes ask for them, Blender's version. So a second bake, or another frame in which all that is the
+  same, takes nothing. It is kept in the user's folder for caches (at most 4 GB, what was used last; another
+  folder by the environment variable `STRATA_CACHE`, none where that is empty), and in memory where that
+  cannot be written.
 - `strata plan` and the report have a line for each such material. What a texel blurs, an audit shows.
 - The render engine (F12) and previews take what is kept, and say what is not baked yet: Blender cannot bake
-  while it renders. Bake once before.
+  while it renders. Bake once before. That does not help a preview of a mesh that is another one in renders
+  (a Subdivision modifier with other levels there): what is baked is for the mesh of renders alone, and the
+  preview's warning stays. With equal levels it goes.
+- Where a scene is another one each time it is read (by a driver's random number, say), three rounds are
+  baked, and what is not baked then is told of.
 """
 
 

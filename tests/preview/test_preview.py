@@ -419,7 +419,7 @@ def test_a_preview_shows_what_a_bake_has_kept(tmp_path, monkeypatch):
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     watched = Watched(path, "cpu", read="exact")
     watched.draw()
-    assert any("(not baked yet)" in warning for warning in watched.session.outline.warnings)
+    assert any("(not baked yet on this mesh)" in warning for warning in watched.session.outline.warnings)
     assert any(material.unread_opacity for material in watched.session.outline.materials)
     # A picture of another size has other texels, which do as well.
     bake(watched.scene, watched.view_layer, replace(watched.options, composite=False), size=(960, 540))

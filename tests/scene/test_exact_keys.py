@@ -210,6 +210,26 @@ def test_a_picture_stays_as_fine_where_opacity_cannot_be_baked():
     assert outline.images[shown_by(outline, name).base_color_image].size == (1024, 1024)
 
 
+def test_a_mesh_that_is_another_one_in_the_viewport_is_told_of():
+    """A bake does not help a preview there."""
+    scene = floor_scene()
+    shown = card(clear_by("Card", noise))
+    modifier = shown.modifiers.new("Subdivision", "SUBSURF")
+    modifier.subdivision_type, modifier.levels, modifier.render_levels = "SIMPLE", 1, 2
+    outline, *_ = read(scene)
+    assert outline.baked
+    exact = reading.Exact(can_bake=False)
+
+    def warnings():
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        return read_depsgraph(depsgraph, OPTIONS, size=(32, 18), exact=exact)[0].warnings
+
+    (warning,) = warnings()
+    assert "node 'Noise Texture' (not baked yet on this mesh) is not read for opacity" in warning
+    modifier.levels = 2
+    assert not warnings()
+
+
 def test_of_what_stays_as_it_was_only_that_is_told():
     """A base colour that is read, beside an opacity that is not baked yet."""
     scene = floor_scene()

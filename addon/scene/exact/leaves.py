@@ -88,7 +88,7 @@ class BakedLeaves:
             return unread(read.kind, f"node '{node.name}' ({self.failed[key]})")
         values = self.known(key)
         if values is None and not self.can_bake:
-            return unread(read.kind, f"node '{node.name}' (not baked yet)")
+            return unread(read.kind, f"node '{node.name}' (not baked yet on this mesh)")
         channels = 1 if read.kind == FLOAT else 3
         self.found[key] = Leaf(key, node.name, output.identifier, tuple(each.name for each in path), channels)
         texture = BakedTexture(node.name, key, (self.size, self.size), values)
