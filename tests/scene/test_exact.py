@@ -19,7 +19,7 @@ from strata.addon.scene.cameras import camera_of
 from strata.addon.scene.exact import reading, upstream, workshop
 from strata.addon.scene.exact.layout import SMALLEST, Layouts, layout_of, least_size
 from strata.addon.scene.exact.leaves import random_of
-from strata.addon.scene.exact.size import size_for, sizes_for
+from strata.addon.scene.exact.size import area_of, size_for, sizes_for
 from strata.addon.scene.exact.store import Store, cache_folder
 from strata.addon.scene.exact.upstream import upstream_of
 from strata.addon.scene.extract import extract
@@ -531,6 +531,14 @@ def test_a_folder_that_cannot_be_written_to_is_told_once(tmp_path, store):
     assert warning.startswith("what Blender bakes is kept in memory only")
     baked = bake(scene, scene.view_layers[0], OPTIONS, size=(32, 18))
     assert baked.report.baked[0].endswith("kept from before")
+
+
+def test_areas_are_those_of_faces_that_are_somewhere():
+    bpy.ops.mesh.primitive_cube_add(size=3.0)
+    mesh = bpy.context.object.data
+    assert area_of(mesh) == pytest.approx(6 * 9.0, rel=1e-6)  # as floats
+    mesh.vertices[0].co.x = float("nan")
+    assert area_of(mesh) == pytest.approx(3 * 9.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("faces", [1, 5000, 100_000])

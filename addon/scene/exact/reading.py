@@ -222,8 +222,7 @@ class ExactScan:
         if pointer not in self._arrays:
             generated = generated_of(data)
             arrays = mesh_arrays(data, False, shown.name, [])
-            area = area_of(arrays) if len(arrays.corner_vertices) else 0.0
-            self._arrays[pointer] = arrays, generated, mesh_digest(data, generated), area
+            self._arrays[pointer] = arrays, generated, mesh_digest(data, generated), area_of(data)
         arrays, generated, digest, area = self._arrays[pointer]
         if not len(arrays.corner_vertices):
             return

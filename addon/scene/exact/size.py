@@ -7,7 +7,6 @@ import math
 import bpy
 import numpy as np
 
-from ...core.arrays import MeshArrays
 from ...core.shot import Raster
 from .layout import least_size
 
@@ -58,11 +57,8 @@ def _stretchings(matrices: np.ndarray) -> np.ndarray:
     return found
 
 
-def area_of(mesh: MeshArrays) -> float:
+def area_of(mesh: bpy.types.Mesh) -> float:
     """m² of a mesh's faces in its own space."""
-    finite = np.nan_to_num(mesh.positions.astype(np.float64), posinf=0.0, neginf=0.0)
-    corners = finite[mesh.corner_vertices]
-    following = np.arange(1, len(corners) + 1)
-    following[mesh.face_starts[1:] - 1] = mesh.face_starts[:-1]
-    normals = np.add.reduceat(np.cross(corners, corners[following]), mesh.face_starts[:-1], axis=0)
-    return float(0.5 * np.sqrt(np.sum(normals**2, axis=1)).sum())
+    areas = np.empty(len(mesh.polygons), np.float32)
+    mesh.polygons.foreach_get("area", areas)
+    return float(np.nan_to_num(areas.astype(np.float64), posinf=0.0, neginf=0.0).sum())
