@@ -7,7 +7,6 @@ from enum import Enum
 TEXELS = 1024
 """Most that what is baked of a mesh has a side, unless its faces need more."""
 
-
 MOST_TEXELS = 4096
 
 

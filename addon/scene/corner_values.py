@@ -23,10 +23,7 @@ def corner_opacity(
     """(C,) float32 from 0 to 1 of the evaluated or made mesh `source`: of each face's material what the
     expression over attributes in `values` is there, 1 where that is None; None without faces. Attributes that
     the mesh lacks count as 0, as in Cycles, with a warning."""
-    if not len(mesh.corner_vertices):
-        return None
-    ones = np.ones(len(mesh.corner_vertices), np.float32)
-    return _factors(source, mesh, values, ones, 1.0, owner, warnings)
+    return _factors(source, mesh, values, (), 1.0, owner, warnings)
 
 
 MOST_COLOUR = 1e30
@@ -41,14 +38,16 @@ def corner_colours(
     warnings: list[str],
 ) -> np.ndarray | None:
     """The same of colours: (C, 3) float32 from 0 on."""
+    return _factors(source, mesh, values, (3,), MOST_COLOUR, owner, warnings)
+
+
+def _factors(
+    source, mesh: MeshArrays, values, shape: tuple[int, ...], most: float, owner, warnings
+) -> np.ndarray | None:
+    """(C, *shape) ones, with the numbers from 0 to `most` of the expressions in their slots."""
     if not len(mesh.corner_vertices):
         return None
-    ones = np.ones((len(mesh.corner_vertices), 3), np.float32)
-    return _factors(source, mesh, values, ones, MOST_COLOUR, owner, warnings)
-
-
-def _factors(source, mesh, values, found: np.ndarray, most: float, owner, warnings) -> np.ndarray:
-    """`found`, all ones, with the numbers from 0 to `most` of the expressions in their slots."""
+    found = np.ones((len(mesh.corner_vertices), *shape), np.float32)
     of_corner = corner_slots(mesh, len(values))
     corners = (Corners if isinstance(source, bpy.types.Mesh) else MadeCorners)(source, mesh)
     for key in sorted({value.key for value in values if value is not None}):
