@@ -9,35 +9,25 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from strata.addon.bake import bake, read_scene
-from strata.addon.planning import Options
+from strata.addon.bake import bake
 from strata.addon.scene import scan as scan_module
 from strata.addon.scene.exact import reading, upstream, workshop
 from strata.addon.scene.exact.layout import Layouts, layout_of
 from strata.addon.scene.exact.leaves import random_of
-from strata.addon.scene.exact.store import Store
 from strata.addon.scene.exact.upstream import upstream_of
 from strata.addon.scene.extract import extract
 from strata.addon.scene.nodes.graph import Graph
 from strata.addon.scene.rescan import Changes, patched
 from strata.addon.scene.scan import ScanOptions, TooLong, scan
 from strata.tests.support.cycles_card import card_scene, rendered
+from strata.tests.support.exact_reading import OPTIONS, read, with_own_store
 from strata.tests.support.procedural import card, clear_by, coordinates, floor_scene, noise
 from strata.tests.support.random_nodes import float_image
-
-OPTIONS = Options(("soft_shadow",), "cpu", samples=1, probes=0, read="exact")
 
 
 @pytest.fixture(autouse=True)
 def store(monkeypatch):
-    """One of its own, in memory."""
-    made = Store(None)
-    monkeypatch.setattr(reading, "STORE", made)
-    return made
-
-
-def read(scene, **changed):
-    return read_scene(scene, scene.view_layers[0], replace(OPTIONS, **changed), size=(32, 18))
+    return with_own_store(monkeypatch)
 
 
 def everything() -> list[str]:

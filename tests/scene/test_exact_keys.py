@@ -7,32 +7,22 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from strata.addon.bake import read_depsgraph, read_scene
-from strata.addon.planning import Options
+from strata.addon.bake import read_depsgraph
 from strata.addon.scene.exact import reading
 from strata.addon.scene.exact.leaves import Appearance, BakedLeaves
 from strata.addon.scene.exact.rounds import MOST_ROUNDS
-from strata.addon.scene.exact.store import Store
 from strata.addon.scene.exact.upstream import upstream_of
 from strata.addon.scene.nodes.graph import Graph
 from strata.addon.scene.nodes.values import FLOAT, unread
 from strata.addon.scene.render_depsgraph import with_render_depsgraph
+from strata.tests.support.exact_reading import OPTIONS, read, with_own_store
 from strata.tests.support.procedural import card, clear_by, floor_scene, noise
 from strata.tests.support.random_nodes import float_image
-
-OPTIONS = Options(("soft_shadow",), "cpu", samples=1, probes=0, read="exact")
 
 
 @pytest.fixture(autouse=True)
 def store(monkeypatch):
-    """One of its own, in memory."""
-    made = Store(None)
-    monkeypatch.setattr(reading, "STORE", made)
-    return made
-
-
-def read(scene, **changed):
-    return read_scene(scene, scene.view_layers[0], replace(OPTIONS, **changed), size=(32, 18))
+    return with_own_store(monkeypatch)
 
 
 def shown_by(outline, name: str):
