@@ -13,7 +13,7 @@ from ..core.metrics import WRONG, maximum, quantile
 from ..core.params import Params
 from ..core.random import hash_bits
 from .error_image import ErrorImage, error_image
-from .estimate import Compared, sampled_part
+from .estimate import Compared, noise_of, sampled_part
 from .footprint import Probed
 from .interval import TAIL, Part, joined, limits
 from .light import Along, ImageScore, halves_of, image_strata, root
@@ -27,9 +27,6 @@ SUPERSAMPLES = 64
 NEAR, MORE = 1.0 / 16.0, 4
 """So near to what makes a pixel wrong, or twice as far beyond it, it gets so many times as many rays: of many
 that are right some are far off by chance."""
-UNSURE = 0.5
-"""Variance of a pixel's being wrong whose halves do not agree: of one just at the edge, which is wrong by the
-chance of its rays, it is 1/4, and its halves agree every other time."""
 MOST_SCREENING_RAYS = 32
 """Of a pixel where the layer is smooth, where there are few pixels."""
 IMAGE_VIEWS = 8, 24
@@ -56,12 +53,13 @@ class MaskScore(ImageScore):
         flat, along = finite(probed.image.reshape(pixels, -1)), self.along(probed)
         strata = image_strata(probed, seed)
         yield
-        # Half of the rays go to where the layer changes, as far as there is use for them.
+        # Half of the rays go to where the layer changes, and what the rest of it has no use for.
         changes = [each.difficulty == Difficulty.EDGE for each in strata]
         sizes = np.array([each.population for each in strata], np.int64)
-        counts = np.array(allot(probes * self.looks // 2, sizes, sizes * changes), np.int64) * changes
-        rays = max(probes * self.looks - int(counts.sum()), 0) * SUPERSAMPLES
-        smooth = np.where(changes, 0, sizes)
+        smooth, looks = np.where(changes, 0, sizes), probes * self.looks
+        use = int(smooth.sum()) * MOST_SCREENING_RAYS // SUPERSAMPLES
+        counts = np.array(allot(max(looks // 2, looks - use), sizes, sizes * changes), np.int64) * changes
+        rays = max(looks - int(counts.sum()), 0) * SUPERSAMPLES
         screened = np.array(allot(rays // self.screening_rays, smooth, smooth), np.int64)
         each = min(max(rays // max(int(smooth.sum()), 1), self.screening_rays), MOST_SCREENING_RAYS)
         found = []
@@ -104,7 +102,7 @@ class MaskScore(ImageScore):
 
 
 @dataclass(frozen=True)
-class _Looked:
+class Looked:
     """Pixels by many rays. `errors` (P, 2, channels): of two independent halves of them; `differing` (P,):
     the share of the rays that make the pixel wrong by themselves."""
 
@@ -117,11 +115,18 @@ class _Looked:
         return _sizes(self.errors.mean(axis=1)) > WRONG
 
     @property
-    def is_unsure(self) -> np.ndarray:
-        """(P,) bool: of those that are near what makes one wrong, which of both halves alone would not agree
-        that it is, or is not."""
-        first, last = (_sizes(self.errors[:, half]) > WRONG for half in range(2))
-        return (first != last) & self.is_near
+    def doubts(self) -> np.ndarray:
+        """(P,) float64: the chance that a pixel is wrong and does not look so, or the other way round, by the
+        rays' noise, which all that are near what makes one wrong tell together: too few of them are at the
+        edge for the halves of each to tell it. That is the variance of its being wrong, too."""
+        sizes, near = _sizes(self.errors), self.is_near
+        halves = (0.5 * (sizes[near, 0] - sizes[near, 1])) ** 2
+        beyond = np.abs(_sizes(self.errors.mean(axis=1)) - WRONG)
+        scale = math.sqrt(2.0 * halves.mean()) if near.any() else 0.0
+        chances = [0.5 * math.erfc(each / scale) if scale else 0.0 for each in beyond[near]]
+        doubts = np.zeros(len(near))
+        doubts[near] = chances
+        return doubts
 
     @property
     def is_near(self) -> np.ndarray:
@@ -137,7 +142,7 @@ def _sizes(errors: np.ndarray) -> np.ndarray:
 
 def _rays(
     probed: Probed, along: Along, flat: np.ndarray, pixels: np.ndarray, views: int, seed: int
-) -> Generator[None, None, _Looked]:
+) -> Generator[None, None, Looked]:
     """Of `pixels`, by twice so many view rays each."""
     step, errors, differing = max(RAYS_AT_ONCE // views, 1), [], []
     for start in range(0, len(pixels), step):
@@ -150,13 +155,13 @@ def _rays(
         errors.append(np.stack([each.mean(axis=1) for each in halves], axis=1))
         differing.append(0.5 * sum((_sizes(each) > WRONG).mean(axis=1) for each in halves))
     if not errors:
-        return _Looked(np.zeros((0, 2, flat.shape[1])), np.zeros(0))
-    return _Looked(np.concatenate(errors), np.concatenate(differing))
+        return Looked(np.zeros((0, 2, flat.shape[1])), np.zeros(0))
+    return Looked(np.concatenate(errors), np.concatenate(differing))
 
 
 def _looked(
     probed: Probed, along: Along, flat: np.ndarray, pixels: np.ndarray, seed: int
-) -> Generator[None, None, _Looked]:
+) -> Generator[None, None, Looked]:
     """By SUPERSAMPLES rays, and those that these leave in doubt by MORE times as many."""
     looked = yield from _rays(probed, along, flat, pixels, SUPERSAMPLES // 2, seed)
     near = np.flatnonzero(looked.is_near)
@@ -165,7 +170,7 @@ def _looked(
     )
     errors, differing = looked.errors.copy(), looked.differing.copy()
     errors[near], differing[near] = more.errors, more.differing
-    return _Looked(errors, differing)
+    return Looked(errors, differing)
 
 
 def _screened(
@@ -198,24 +203,24 @@ class _Found:
     probes: int
 
 
-def _noise(looked: _Looked, sampling: np.ndarray) -> float:
+def _noise(looked: Looked, sampling: np.ndarray) -> float:
     half = 0.25 * ((looked.errors[:, 0] - looked.errors[:, 1]) ** 2).mean(axis=1)
     return float((sampling * half).sum())
 
 
-def _of_sample(population: int, looked: _Looked) -> _Found:
+def _of_sample(population: int, looked: Looked) -> _Found:
     """Of a simple random sample."""
     count = len(looked.errors)
     wrong = looked.wrong.astype(np.float64)[:, None]
     part = sampled_part(Compared(population, wrong, np.zeros((1, *wrong.shape))), 1.0)
     sampling = np.full(count, population / max(count, 1))
-    noise = UNSURE * float((sampling**2 * looked.is_unsure).sum())
+    noise = noise_of(sampling**2 * looked.doubts)
     part = replace(part, noise_variance=part.noise_variance + noise)
     return _Found(part, looked.errors.mean(axis=1), sampling, _noise(looked, sampling), count)
 
 
 def _of_screened(
-    population: int, screened: int, rays: int, agreed: np.ndarray, flagged: int, looked: _Looked
+    population: int, screened: int, rays: int, agreed: np.ndarray, flagged: int, looked: Looked
 ) -> _Found:
     """Of pixels of which only those that some ray contradicts were looked at: each wrong one stands for as
     many as its chance of that is small (Horvitz and Thompson), which for a wrong pixel is hardly less than
@@ -233,7 +238,7 @@ def _of_screened(
     variance = float(((1.0 - share * chances) * counts**2).sum()) / max(repeats, 1.0)
     if len(counts) > 1:
         variance += len(counts) * (1.0 - 1.0 / repeats) * float(counts.var(ddof=1))
-    noise = UNSURE * float((sampling**2 * looked.is_unsure).sum())
+    noise = noise_of(sampling**2 * looked.doubts)
     others = max(population - float(sampling.sum()), 0.0) / max(len(agreed), 1)
     return _Found(
         Part(float(counts.sum()), variance, noise, unseen),

@@ -16,6 +16,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import bpy
@@ -29,7 +30,7 @@ from strata.addon.measure.deviation import LIT_VIEWS, Deviations, Scale, deviati
 from strata.addon.measure.footprint import Probed, seen
 from strata.addon.measure.in_use import InUseScore
 from strata.addon.measure.light import LightScore, halves_of
-from strata.addon.measure.mask import MaskScore
+from strata.addon.measure.mask import Looked, MaskScore
 from strata.addon.planning import Options
 from strata.scripts.bench.document import ROOT, table
 
@@ -38,13 +39,13 @@ SIZE = (48, 32)
 PROBES = 512, 1024
 KEPT = ROOT / "out" / "intervals.jsonl"
 
-SHADOW_VIEWS, LIGHT_VIEWS, MASK_VIEWS = (32, 512), (2, 16), (32, 512)
+SHADOW_VIEWS, LIGHT_VIEWS, MASK_VIEWS = (32, 512), (2, 16), (32, 512, 2048)
 """View rays of each of a pixel's two halves, for the error of all pixels: of every pixel, and of those that
-the first leave in doubt."""
+those before leave in doubt."""
 DOUBTFUL = 0.25
 """Share of a light's pixels, the noisiest, that are looked at again."""
-NEAR = 1.0 / 16.0
-"""A mask's pixel is in doubt where it is so near to what makes it wrong, or wrong."""
+NEAR = {32: 1.0 / 16.0, 512: 1.0 / 64.0}
+"""A mask's pixel is in doubt where by so many view rays it is so near to what makes it wrong."""
 
 
 @dataclass(frozen=True)
@@ -184,21 +185,22 @@ def _in_use(probed: Probed, score: InUseScore) -> Truth:
 
 
 def _looked(
-    probed: Probed, score, views: tuple[int, int], doubtful: Callable[[np.ndarray], np.ndarray]
+    probed: Probed, score, views: tuple[int, ...], doubtful: Callable[[np.ndarray, int], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The layer (P, channels) and the truth (2, P, channels); `doubtful(errors)`: of (2, P, channels), the
-    pixels that are looked at again."""
+    """The layer (P, channels) and the truth (2, P, channels); `doubtful(errors, views)`: of (2, P, channels)
+    by so many view rays, the pixels that are looked at again."""
     along, count = score.along(probed), probed.image.shape[0] * probed.image.shape[1]
     values = np.nan_to_num(probed.image.reshape(count, -1).astype(np.float64))
     halves = finished(halves_of(probed, along, np.arange(count), views[0], 4321, 512))
-    again = doubtful(values - halves)
-    if len(again):
-        halves[:, again] = finished(halves_of(probed, along, again, views[1], 1234, 512))
+    for before, each in pairwise(views):
+        again = doubtful(values - halves, before)
+        if len(again):
+            halves[:, again] = finished(halves_of(probed, along, again, each, 1234 * each, 512))
     return values, halves
 
 
 def _light_error(probed: Probed, score: LightScore) -> Truth:
-    def noisiest(errors: np.ndarray) -> np.ndarray:
+    def noisiest(errors: np.ndarray, views: int) -> np.ndarray:
         return np.argsort(-product_variances(*errors))[: int(DOUBTFUL * errors.shape[1])]
 
     values, (first, last) = _looked(probed, score, LIGHT_VIEWS, noisiest)
@@ -210,14 +212,17 @@ def _light_error(probed: Probed, score: LightScore) -> Truth:
 
 
 def _mask_error(probed: Probed, score: MaskScore) -> Truth:
-    def near(errors: np.ndarray) -> np.ndarray:
-        return np.flatnonzero(np.abs(errors.mean(axis=0)).max(axis=1) > WRONG - NEAR)
+    def near(errors: np.ndarray, views: int) -> np.ndarray:
+        beyond = np.abs(errors.mean(axis=0)).max(axis=1) - WRONG
+        return np.flatnonzero((beyond > -NEAR[views]) & (beyond < 2.0 * NEAR[views]))
 
-    values, (first, last) = _looked(probed, score, MASK_VIEWS, near)
-    errors = np.abs(values - 0.5 * (first + last)).max(axis=1)
-    unsure = (np.abs(values - first).max(axis=1) > WRONG) != (np.abs(values - last).max(axis=1) > WRONG)
-    unsure &= np.abs(errors - WRONG) < NEAR
-    return float((errors > WRONG).mean()), math.sqrt(0.5 * unsure.sum()) / len(values)
+    values, halves = _looked(probed, score, MASK_VIEWS, near)
+    errors = values - halves
+    wrong = np.abs(errors.mean(axis=0)).max(axis=1) > WRONG
+    # Those that got the most rays, of which alone it is not known.
+    closest = errors[:, near(errors, MASK_VIEWS[-2])].swapaxes(0, 1)
+    doubts = Looked(closest, np.zeros(len(closest))).doubts
+    return float(wrong.mean()), math.sqrt(doubts.sum()) / len(values)
 
 
 def told(seed: int) -> Iterator[Told]:

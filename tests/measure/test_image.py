@@ -12,12 +12,13 @@ import pytest
 from strata.addon.bake import BakeJob
 from strata.addon.core.effect import Effect, LayerKind, Registry
 from strata.addon.core.graph import Rate, Step
-from strata.addon.core.metrics import maximum, quantile
+from strata.addon.core.metrics import WRONG, maximum, quantile
 from strata.addon.core.params import Params, param
 from strata.addon.effects.shared import steps as shared
 from strata.addon.measure.footprint import KeptSamples
+from strata.addon.measure.interval import limits
 from strata.addon.measure.light import LightScore, checked_estimates
-from strata.addon.measure.mask import MaskScore
+from strata.addon.measure.mask import Looked, MaskScore, _of_sample
 from strata.addon.measure.report import LayerError
 from strata.addon.planning import Options, plan_scene
 from strata.tests.measure import images as made
@@ -51,6 +52,19 @@ def test_interval_holds_the_truth(maker, probes):
         low, high = layer.measured(probes, seed=run).ci95
         held += low - 1e-9 <= truth <= high + 1e-9
     assert held >= 0.89 * runs
+
+
+@pytest.mark.parametrize("pixels", [10, 30, 100])
+def test_interval_of_a_mask_holds_where_only_its_rays_are_by_chance(pixels):
+    """All its pixels were looked at, and some are near what makes one wrong: the number of wrong ones is off
+    by few, as often as the halves of one do not agree, which tells little of how many."""
+    rng, held, runs = np.random.default_rng(1), 0, 2000
+    for _ in range(runs):
+        errors = rng.uniform(WRONG - 0.06, WRONG + 0.06, pixels)
+        halves = errors[:, None, None] + 0.02 * rng.standard_normal((pixels, 2, 1))
+        low, high = limits(_of_sample(pixels, Looked(halves, np.zeros(pixels))).part)
+        held += low - 1e-9 <= (errors > WRONG).sum() <= high + 1e-9
+    assert held >= 0.94 * runs
 
 
 @pytest.mark.parametrize("maker", [made.slightly_off, made.noisy_reference, made.too_dark, made.shifted])
