@@ -31,6 +31,7 @@ from strata.addon.measure.footprint import Probed, seen
 from strata.addon.measure.in_use import InUseScore
 from strata.addon.measure.light import LightScore, halves_of
 from strata.addon.measure.mask import Looked, MaskScore
+from strata.addon.measure.strata import near_jumps
 from strata.addon.planning import Options
 from strata.scripts.bench.document import ROOT, table
 
@@ -39,7 +40,7 @@ SIZE = (48, 32)
 PROBES = 512, 1024
 KEPT = ROOT / "out" / "intervals.jsonl"
 
-SHADOW_VIEWS, LIGHT_VIEWS, MASK_VIEWS = (32, 512), (2, 16), (32, 512, 2048)
+SHADOW_VIEWS, LIGHT_VIEWS, MASK_VIEWS = (32, 128, 512), (2, 16), (32, 512, 2048)
 """View rays of each of a pixel's two halves, for the error of all pixels: of every pixel, and of those that
 those before leave in doubt."""
 DOUBTFUL = 0.25
@@ -178,9 +179,15 @@ def _in_use(probed: Probed, score: InUseScore) -> Truth:
     )
     found: Deviations = deviations(values, first, scale)
     squares, variances = found.squares.copy(), found.square_variances.copy()
-    again = np.flatnonzero(found.errors.any(axis=(1, 2)))
-    more = deviations(values[again], finished(seen(probed, truth, again, SHADOW_VIEWS[1], 2, 1234, 2)), scale)
-    squares[again], variances[again] = more.squares, more.square_variances
+    # Where light changes, few rays may all have missed the little of a pixel that is bright and wrong.
+    image = brightness.mean(axis=1).reshape(probed.image.shape[:2])
+    doubtful = found.errors.any(axis=(1, 2)) | near_jumps(image).reshape(-1)
+    for views in SHADOW_VIEWS[1:]:
+        again = np.flatnonzero(doubtful)
+        told = finished(seen(probed, truth, again, views, 2, 1234 * views, 2))
+        more = deviations(values[again], told, scale)
+        squares[again], variances[again] = more.squares, more.square_variances
+        doubtful[again] = more.errors.any(axis=(1, 2))
     return _root(squares, variances, float(found.has_light.sum()))
 
 
