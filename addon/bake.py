@@ -33,6 +33,7 @@ from .measure.kept_samples import pixels_to_keep
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured
 from .measuring import Measuring, unless_cancelled
+from .passes import Passes
 from .planning import Options, groups_of, plan_scene, sampling_of
 
 if TYPE_CHECKING:
@@ -156,10 +157,16 @@ class BakeJob:
         executor.release()
         self.progress, self.stage, self._seconds_left = 1.0, "Done", None
 
-    def _forecast(self, graph: Graph, groups: Sequence[Graph], execution: Execution) -> Forecast:
+    def _forecast(
+        self, graph: Graph, groups: Sequence[Graph], execution: Execution, passes: Passes | None = None
+    ) -> Forecast:
         sampling = sampling_of(graph, self.options)
-        pixels = sampling.width * sampling.height * self.options.samples / sampling.chunk_count
-        return Forecast(groups, sampling.chunk_count, pixels, execution, self.outline)
+        tiles = sampling.chunk_count // sampling.samples
+        parts = [(group, sampling.samples) for group in groups]
+        if sampling.passes:
+            parts = (passes or Passes(None, None, 0.0, self.options.samples_of)).parts(groups, sampling)
+        parts = [(part, samples * tiles) for part, samples in parts]
+        return Forecast(parts, sampling.width * sampling.height / tiles, execution, self.outline)
 
     def _bake(self, executor: Executor, number: int, execution: Execution, began: float) -> Iterator[None]:
         """One shot; what those to come read of the same stays with the executor."""
@@ -170,24 +177,30 @@ class BakeJob:
         shortage = [self.memory.shortage] if self.memory.shortage else []
         cancelled = (*self.devices.primary.cancelled, *self.devices.fallback.cancelled)
         self._measuring = None
-        if options.probes != 0 and graph.shot.has_eye:  # probes lie along view rays
+        if (options.probes != 0 or sampling.passes) and graph.shot.has_eye:  # probes lie along view rays
             measurement = Measurement(options.probes, options.seed, cancelled)
             tree = ray_accelerator(outline, graph.shot)
             outlook = MeasuringOutlook(graph, outline, tree, options.probes)
             self._measuring = Measuring(
-                measurement, outlook, executor, outline, graph, before, options.error_images
+                measurement, outlook, executor, outline, graph, sampling, before, options.error_images
             )
             pixels = sampling.width * sampling.height
             execution.kept_pixels = pixels_to_keep(pixels, sampling.samples, options.seed)
         self._forecasts[: len(self._forecasts) - len(later)] = [self._forecast(graph, groups, execution)]
+
+        def learnt() -> None:
+            self._forecasts[0] = self._forecast(graph, groups, execution, passes)
+
+        passes = Passes(executor, self._measuring, options.target_error, options.samples_of, learnt)
         errors: dict[str, LayerError | NotMeasured] = {}
         for count, group in enumerate(groups, start=1):
             self.stage = "Baking"
             sampled = partial(self._show_tile, graph, execution)
-            for _ in executor.run(group, sampling, execution, sampled):
+            work = passes if sampling.passes else executor
+            for _ in work.run(group, sampling, execution, sampled):
                 self._show_progress()
                 yield
-            if self._measuring:
+            if self._measuring and options.probes != 0:
                 self.stage = "Measuring"
                 errors |= yield from self._showing(self._measuring.errors(group))
             execution.weights.clear()
@@ -210,6 +223,10 @@ class BakeJob:
             coarse_picture_seconds=self._coarse_picture_seconds[number],
             memory=self.memory,
             warnings=[*self._warnings, *shortage, *execution.warnings],
+            samples=options.samples,
+            chosen_samples=passes.chosen,
+            watching_seconds=self._measuring.watching_seconds if self._measuring else {},
+            target_error=options.target_error,
             error_images=self._measuring.images if self._measuring else {},
             sequence=self.sequence,
             missing=missing,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from .core.sequence import SequenceLayer
 from .devices.start import Devices
 from .measure.error_image import ErrorImage
 from .measure.report import LayerError, NotMeasured, Report, StepTime, report_of, rounded
+from .measure.target import Chosen
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ def put_together(
     execution: Execution,
     chosen: dict[str, Params],
     seed: int,
+    samples: int,
     chunks: int,
     errors: dict[str, LayerError | NotMeasured],
     seconds: float,
@@ -50,11 +52,17 @@ def put_together(
     sequence: tuple[SequenceLayer, ...],
     missing: tuple[SequenceLayer, ...],
     has_picture: bool,
+    chosen_samples: Mapping[str, Chosen],
+    target_error: float,
+    watching_seconds: Mapping[str, float],
     error_images: dict[str, ErrorImage],
 ) -> Baked:
-    """`chosen`: parameters by effect id; `chunks` is how often a surface was made, `errors` by layer, as
+    """`chosen`: parameters by effect id; `samples` are those of a pixel where
+    nothing was chosen; `chunks` is how often a surface was made, `errors` by layer, as
     `error_images` are; `seconds` are of the whole bake and `coarse_picture_seconds` of its coarse picture.
-    `missing`: what the graph lacks of `sequence`, for which neutral layers stand. `has_picture`: there is a
+    `chosen_samples`: of layers that were
+    made in passes, for a `target_error`, with the seconds that looking at them took. `missing`: what the
+    graph lacks of `sequence`, for which neutral layers stand. `has_picture`: there is a
     composite, also of nothing."""
     below, shot = _nodes_by_layer(graph), graph.shot
     own = _own_nodes(below)
@@ -83,6 +91,7 @@ def put_together(
                 error,
                 params.as_dict(),
                 weight=layer.weighed_by,
+                samples=chosen_samples[layer.name].samples if layer.name in chosen_samples else samples,
             )
         )
     settings = {effect_id: params.as_dict() for effect_id, params in chosen.items()}
@@ -98,6 +107,7 @@ def put_together(
     error_names = {name: error_name(name, names) for name in error_images}
     fallback = devices.fallback.name
     steps += (StepTime("error_image", name, fallback, image.seconds) for name, image in error_images.items())
+    steps += (StepTime("watching", name, fallback, seconds) for name, seconds in watching_seconds.items())
     steps.insert(0, StepTime("coarse_picture", "camera", fallback, coarse_picture_seconds))
     report = report_of(
         outline=outline,
@@ -116,6 +126,9 @@ def put_together(
         neutral=missing,
         order=[layer.name for layer in layers],
         error_images=error_names,
+        samples=samples,
+        chosen_samples=chosen_samples,
+        target_error=target_error,
     )
     width, height = shot.size
     raster = shot.source

@@ -13,7 +13,7 @@ from .core.errors import Cancelled
 from .core.executor import Executor
 from .core.graph import Graph, Node, PlannedLayer
 from .core.outline import Outline
-from .core.sampling import jitters
+from .core.sampling import Sampling
 from .core.slices import timed
 from .devices.cpu import CpuRays
 from .effects.shared.steps import ray_accelerator
@@ -23,14 +23,15 @@ from .measure.footprint import KeptSamples, Probed
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured
 from .measure.unread import between, concerns, unread_materials, without_end
+from .measure.watch import Watch
 
 REFERENCES_READ = ("position", "geometric_normal", "shading_normal", "depth", "material", "instance")
 
 
 class Measuring:
-    """Of one bake's layers, group by group. `executor` makes them, and what rays need; `graph` is the whole;
-    `seconds_before` were spent on the bake before `executor` began; `has_images`: it makes error images too,
-    `images` by the names of their layers."""
+    """Of one bake's layers, group by group. `executor` makes them, and what rays need; `graph` is the whole,
+    in `sampling`; `seconds_before` were spent on the bake before `executor` began; `has_images`: it makes
+    error images too, `images` by the names of their layers."""
 
     def __init__(
         self,
@@ -39,6 +40,7 @@ class Measuring:
         executor: Executor,
         outline: Outline,
         graph: Graph,
+        sampling: Sampling,
         seconds_before: float,
         has_images: bool = False,
     ):
@@ -48,11 +50,13 @@ class Measuring:
         self._images = ImagesOutlook(graph, self._pixels)
         self.images: dict[str, ErrorImage] = {}
         self._executor, self._outline, self._graph = executor, outline, graph
+        self._sampling = sampling
         self._seconds_before = seconds_before
         self._rays: CpuRays | NotMeasured | None = None
         self._rays_seconds = 0.0  # of one layer
         self._unread = unread_materials(outline.materials)
         self._clear_rays: CpuRays | None = None  # past all that is unread
+        self.watching_seconds: dict[str, float] = {}  # by layer
         self.seconds = 0.0  # of all so far, without the error images
 
     def errors(self, graph: Graph) -> Generator[None, None, dict[str, LayerError | NotMeasured]]:
@@ -81,6 +85,22 @@ class Measuring:
                 yield from self._make_image(probed, isinstance(error, LayerError))
             execution.samples_of.pop(layer.name, None)
         return errors
+
+    def watch(self, layer: PlannedLayer) -> Generator[None, None, Watch | float | NotMeasured]:
+        """Pixels that tell how far the layer is from the truth while it gets more samples; of one whose score
+        watches none, how far it is now, root mean square."""
+        if self._rays is None:
+            self._rays = yield from self.measurement.guarded(self._started_rays())
+        if isinstance(self._rays, NotMeasured):
+            return self._rays
+        work = self.measurement.guarded(self.measurement.watch(self._probed(layer)))
+        watch, seconds = yield from timed(unless_cancelled(work, self._executor.fallback.cancel_flag))
+        self.watching_seconds[layer.name] = self.watching_seconds.get(layer.name, 0.0) + seconds
+        return watch
+
+    def watched_error(self, layer: PlannedLayer, watch: Watch) -> float:
+        """Root mean square of the layer so far, as a share of the brightness."""
+        return watch.rms(self._executor.execution.films[layer.name].at(watch.pixels))
 
     def seconds_left(self, bake_seconds: float, slower: float) -> float:
         """Where the bake takes so many seconds, with what has been measured so far, on a machine that is so
@@ -135,8 +155,8 @@ class Measuring:
             self._graph.layers,
             self._outline,
             shot,
-            execution.images[layer.name],
-            execution.weights.get(layer.name),
+            execution.image(layer.name),
+            execution.weights_of(layer.name),
             self._kept_samples(layer),
             self._rays,
             self._executor.fallback.instance_mask(layer.casters),
@@ -147,7 +167,7 @@ class Measuring:
         if layer.name not in execution.samples_of:
             return None
         values = execution.samples_of[layer.name]
-        offsets = jitters(self._graph.shot.pixel_filter, len(values))
+        offsets = replace(self._sampling, samples=len(values)).jitters
         return KeptSamples(execution.kept_pixels, values, offsets)
 
     def _started_rays(self) -> Generator[None, None, CpuRays]:

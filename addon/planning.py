@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -16,7 +17,7 @@ from .core.reach import fitted
 from .core.read import MOST_TEXELS, TEXELS, Read
 from .core.recorder import Recorder, plan
 from .core.roles import Role
-from .core.sampling import Sampling
+from .core.sampling import Sampling, passes_up_to
 from .core.shot import Shot
 from .core.weight import Weight
 from .effects.registry import EFFECTS
@@ -27,17 +28,18 @@ from .effects.shared.steps import surface
 @dataclass(frozen=True)
 class Options:
     """How to bake. `effects`: ids, None for those on by default; `values`: parameter values by effect id and
-    name; `samples` jittered surfaces a pixel; `probes` points to measure the error at, 0 for none, None
-    for at most 2048 and so few that measuring takes 15% of the bake; `lights`: names of the lamps whose
-    layers are wanted, None for all layers; `lit` also
-    makes each light's unshadowed image, and `composite` the picture of the whole; `memory_bytes` are what it
-    may take beside what Blender has, 0: half of what is free, or less where more is of no use; `providers`:
-    the effect to take a role from, where several offer it and a lamp asks for none; `keeps_unused` also makes
-    their layers that the picture does not take; `weight`: what samples of layers that multiply
-    weigh (Weight); `rgb_layers`: lamps' shadows are in colour, each channel weighed by itself;
-    `error_images`: each measured layer gets an image of its error too; `read`: how materials are (Read), and
-    `read_texels`: how fine at most what Blender bakes of them is, texels a side of a mesh's picture;
-    `registry`: the effects that there are."""
+    name; `samples` jittered surfaces a pixel, at most where there is a `target_error`: then each layer gets
+    as many as bring its error (docs/accuracy.md) down to that, 0: there is none; `samples_of`: how many each
+    layer gets, by its name, where that was chosen before; `probes` points to measure the error at, 0 for
+    none, None for at most 2048 and so few that measuring takes 15% of the bake; `lights`: names of the lamps
+    whose layers are wanted, None for all layers; `lit` also makes each light's unshadowed image, and
+    `composite` the picture of the whole; `memory_bytes` are what it may take beside what Blender has, 0: half
+    of what is free, or less where more is of no use; `providers`: the effect to take a role from, where
+    several offer it and a lamp asks for none; `keeps_unused` also makes their layers that the picture does
+    not take; `weight`: what samples of layers that multiply weigh (Weight); `rgb_layers`: lamps' shadows are
+    in colour, each channel weighed by itself; `error_images`: each measured layer gets an image of its error
+    too; `read`: how materials are (Read), and `read_texels`: how fine at most what Blender bakes of them is,
+    texels a side of a mesh's picture; `registry`: the effects that there are."""
 
     effects: tuple[str, ...] | None = None
     backend: str = "auto"
@@ -57,6 +59,8 @@ class Options:
     read: str = Read.FAST.value
     read_texels: int = TEXELS
     registry: Registry = EFFECTS
+    target_error: float = 0.0
+    samples_of: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self):
         if self.memory_bytes < 0:
@@ -69,6 +73,10 @@ class Options:
             raise StrataError(f"read texels: {self.read_texels} is not between 1 and {MOST_TEXELS}")
         if self.samples < 1:
             raise StrataError(f"samples: {self.samples} is less than 1")
+        if not 0.0 <= self.target_error < 1.0:
+            raise StrataError(f"target error: {self.target_error:g} is not between 0 and 1")
+        if any(samples < 1 for samples in self.samples_of.values()):
+            raise StrataError("samples of layers: less than 1")
         if self.probes is not None and self.probes < 0:
             raise StrataError(f"probes: {self.probes} is less than 0")
         for effect_id, values in self.values.items():
@@ -147,7 +155,14 @@ def _record_probed(recorder: Recorder, outline: Outline) -> None:
 
 def sampling_of(graph: Graph, options: Options) -> Sampling:
     shot = graph.shot
-    return fitted(Sampling(*shot.computed_size, options.samples, shot.pixel_filter), graph.nodes())
+    passes = ()
+    if options.samples_of:
+        passes = passes_up_to(max(options.samples_of.values()))
+    elif options.target_error and shot.has_eye:
+        passes = passes_up_to(options.samples)
+    samples = passes[-1] if passes else options.samples
+    sampling = Sampling(*shot.computed_size, samples, shot.pixel_filter, passes=passes)
+    return fitted(sampling, graph.nodes())
 
 
 def _budget_bytes(options: Options) -> int:

@@ -64,6 +64,14 @@ def whole_number(low: int, high: int):
     return parse
 
 
+def share(text: str) -> float:
+    """`.02`: from 0 to less than 1."""
+    match = re.fullmatch(r"0?\.\d{1,9}|0", text.strip())
+    if not match:
+        raise argparse.ArgumentTypeError(f"'{text}' is no error like .02")
+    return float(text)
+
+
 def memory(text: str) -> int:
     """`4G`, `512M`, `1.5G` in bytes; `0` for automatic."""
     match = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)([KMGT])B?|0", text.strip(), re.IGNORECASE)
@@ -122,6 +130,11 @@ def build_parser(needs_scene: bool) -> Parser:
     bake.add_argument("--backend", choices=("auto", "cpu", "gpu"), help="default: the scene's, or auto")
     bake.add_argument("--samples", type=whole_number(1, 4096), metavar="N",
                       help="surfaces per pixel (default: the scene's, or 8)")  # fmt: skip
+    bake.add_argument("--target-error", type=share, metavar=".02",
+                      help="each layer gets as many samples as bring its error down to that, at most "
+                      "--samples (default: the scene's; 0: none)")  # fmt: skip
+    bake.add_argument("--settings-from", metavar="FILE",
+                      help="as many samples for each layer as this EXR or report says")  # fmt: skip
     bake.add_argument("--weight", choices=[each.value for each in Weight],
                       help="of samples, where layers multiply (default: the scene's)")  # fmt: skip
     bake.add_argument("--probes", type=whole_number(0, 1 << 20), metavar="N",

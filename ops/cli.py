@@ -17,6 +17,7 @@ from ..addon.core.errors import Cancelled, StrataError, one_line
 from ..addon.core.naming import some_frames
 from ..addon.core.params import plain
 from ..addon.effects.registry import EFFECTS
+from ..addon.measure.target import samples_in
 from .arguments import build_parser, exr_values, nested, read_outputs
 from .terminal import Interrupts, Progress, clean_stdout
 
@@ -225,15 +226,20 @@ def _sequences(arguments: argparse.Namespace, chosen, options_of, interrupts: In
 
 def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
     from ..addon.layers.exr import check_codec
+    from ..addon.layers.settings_from import settings_in
     from ..addon.planning import Options
     from ..addon.ui.properties import exr_of, options_of
 
     plain = (
-        "effects", "backend", "samples", "weight", "rgb_layers", "read", "read_texels", "probes",
-        "error_images", "seed",
+        "effects", "backend", "samples", "target_error", "weight", "rgb_layers", "read", "read_texels",
+        "probes", "error_images", "seed",
     )  # fmt: skip
     given = {name: getattr(arguments, name) for name in plain}
     given |= {"values": nested(arguments.set), "memory_bytes": arguments.memory}
+    arguments.chosen = {}  # samples by layer, by view layer
+    if arguments.settings_from:
+        arguments.chosen, samples = settings_in(Path(arguments.settings_from))
+        given |= {"samples": samples, "target_error": 0.0}
     # What can be wrong is found before a large file is opened, and long before the work is done.
     Options(**{name: value for name, value in given.items() if value is not None}).chosen()
     frames = arguments.frames or (0,)
@@ -322,6 +328,9 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
     from ..addon.job import run_to_end
     from .planning import nothing_to_bake, room_warning
 
+    # What the first frame chose holds for all, or their noise would flicker.
+    known = arguments.chosen.get(view_layer.name) or arguments.chosen.get("")
+    options_of = partial(options_of, samples_of=known)
     where = chosen.scene, view_layer, options_of, frame, _camera(chosen), arguments.size
     warnings = [*arguments.said, *filter(None, [chosen.outside([frame])])]
     progress = Progress(sys.stderr, title, arguments.quiet)
@@ -354,6 +363,8 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
         reason = nothing_to_bake(job.graph, sequence)  # a closer look may leave out what boxes could not
     interrupts.check()
     if reason is None:
+        if len(chosen.frames) > 1:
+            arguments.chosen.setdefault(view_layer.name, samples_in(baked.layers.report))
         return baked
     if not arguments.quiet:
         print(f"strata: {title}: {reason}", file=sys.stderr)

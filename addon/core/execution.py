@@ -28,8 +28,10 @@ class Execution:
     bottom; `films`: those under way, by the name of what they take (core/film.py). `weights`: of finished
     layers that are weighed, the mean weight of each pixel's samples, (height, width[, channels]).
     `kept_pixels`: ascending numbers, row by row, of pixels of which measured layers keep every sample; None:
-    of no pixel. `samples_of`: those of finished layers, (samples, pixels, channels). `samples` counts those
-    that the whole image has (with a progressive sampling). Several runs may add to one."""
+    of no pixel. `parts`: of layers that several graphs make, what those before made, with their weights,
+    where each has its own number of samples. `samples_of`: those of finished layers, (samples, pixels,
+    channels). `samples` counts those that the whole image has (with a progressive sampling). Several runs may
+    add to one."""
 
     images: dict[str, np.ndarray] = field(default_factory=dict)
     films: dict[str, Film] = field(default_factory=dict)
@@ -39,6 +41,7 @@ class Execution:
     kept_pixels: np.ndarray | None = None
     samples_of: dict[str, np.ndarray] = field(default_factory=dict)
     samples: int = 0
+    parts: dict[str, list[tuple[np.ndarray, np.ndarray | None]]] = field(default_factory=dict)
 
     def add(self, take: Take, chunk: Chunk, tile: np.ndarray, weight: np.ndarray | None) -> None:
         """One sample of a tile."""
@@ -55,14 +58,25 @@ class Execution:
         """All samples are there."""
         film = self.films.pop(take.name)
         self.images[take.name] = film.finished()
+        for image, weights in self.parts.pop(take.name, ()):
+            film.join(image, weights)
         if film.weights is not None:
             self.weights[take.name] = film.weights
         if film.samples:
             self.samples_of[take.name] = np.array(film.samples)
 
+    def set_aside(self, take: Take) -> None:
+        """A part of a layer has all its samples; the next has as many as it needs."""
+        film = self.films.pop(take.name)
+        self.parts.setdefault(take.name, []).append((film.finished(), film.weights))
+
     def image(self, name: str) -> np.ndarray:
         """A finished image, or what its samples so far make."""
         return self.films[name].image() if name in self.films else self.images[name]
+
+    def weights_of(self, name: str) -> np.ndarray | None:
+        """The mean of what its samples weigh, or their sum so far; None where they weigh nothing."""
+        return self.films[name].weights if name in self.films else self.weights.get(name)
 
     def add_time(self, node: Node, device: str, seconds: float, runs: int = 1) -> None:
         timing = self.timings.setdefault((node.key, device), Timing(node, device))

@@ -81,10 +81,12 @@ class Executor:
         sampling: Sampling,
         execution: Execution | None = None,
         sampled: Callable[[Chunk], None] | None = None,
+        finishes: bool = True,
     ) -> Iterator[float]:
         """A generator of the share done so far, one value a node; `self.execution` holds the result at its
         end. `execution` goes on with an earlier run's. `sampled` is called after each sample of a tile.
-        Raises Cancelled when the flag of either device is set."""
+        Unless it `finishes`, more samples may follow, and values of the scene stay until `finish`. Raises
+        Cancelled when the flag of either device is set."""
         tile_values = TileValues(self._devices)
         context = _Context(graph, store=tile_values, execution=execution or Execution())
         self._go_on(context)
@@ -125,17 +127,25 @@ class Executor:
                     context.execution.samples = chunk.sample + 1
                 if sampled is not None:
                     sampled(chunk)
-            for take in takes:
-                if take.is_whole:
-                    context.execution.finish(take)
-            for _ in self.develop(graph, takes, context.execution):
-                done += 1
-                yield done / total
-            for name in {take.name for take in takes} - {layer.name for layer in graph.layers}:
-                del context.execution.images[name]
+            if finishes:
+                for _ in self.finish(graph, context.execution):
+                    done += 1
+                    yield done / total
         finally:
             tile_values.clear()
-            self._trim()
+            if finishes:
+                self._trim()
+
+    def finish(self, graph: Graph, execution: Execution) -> Iterator[None]:
+        """Makes images of the films of all samples, and what steps make of those. Yields after each step."""
+        takes = takes_of(graph)
+        for take in takes:
+            if take.is_whole:
+                execution.finish(take)
+        yield from self.develop(graph, takes, execution)
+        for name in {take.name for take in takes} - {layer.name for layer in graph.layers}:
+            del execution.images[name]
+        self._trim()
 
     def frame(
         self, graph: Graph, chunk: Chunk, epoch: int = 0, execution: Execution | None = None

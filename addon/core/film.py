@@ -72,6 +72,13 @@ class Film:
         """What the samples so far make of some rows, as an array of its own."""
         return self._mean(self._total[rows], rows)
 
+    def at(self, pixels: np.ndarray) -> np.ndarray:
+        """(P, channels): the same of `pixels` (P,), numbered row by row."""
+        flat = self._total.reshape(self._total.shape[0] * self._total.shape[1], -1)[pixels]
+        if self.weights is not None:
+            return flat
+        return flat / np.maximum(self._samples[pixels // self._total.shape[1]], 1)[:, None]
+
     def squares(self) -> np.ndarray:
         """The mean of the samples' squares so far."""
         return self._mean(self._squares, slice(None))
@@ -84,6 +91,16 @@ class Film:
             sums = self._total if self.weights is None else self.weights
             sums /= samples
         return self._total
+
+    def join(self, image: np.ndarray, weights: np.ndarray | None) -> None:
+        """Adds what another finished film holds to this one, once it is `finished`: another term of a sum, or
+        another part of what samples weigh."""
+        share = None
+        if self.weights is not None:
+            self.weights += weights
+            share = weights / self.weights
+            share = share.reshape(*share.shape, *(1,) * (image.ndim - share.ndim))
+        _join(self._total, image, share)
 
     def _mean(self, sums: np.ndarray, rows: slice) -> np.ndarray:
         if self.weights is not None:

@@ -25,15 +25,16 @@ sequence's second frame knows what the first one took."""
 
 
 class Forecast:
-    """Of graphs that one after the other go into `execution`, each in `chunks` chunks of `pixels` pixels."""
+    """Of `parts` that one after the other go into `execution`: graphs, and in how many chunks of `pixels`
+    pixels each runs."""
 
     def __init__(
-        self, graphs: Iterable[Graph], chunks: int, pixels: float, execution: Execution, outline: Outline
+        self, parts: Iterable[tuple[Graph, int]], pixels: float, execution: Execution, outline: Outline
     ):
         self._pixels, self._execution, self._outline = pixels, execution, outline
         self._runs: dict[Node, int] = {}  # of each node, at the end
         self._units: dict[Node, float] = {}
-        for graph in graphs:
+        for graph, chunks in parts:
             for node in graph.nodes():
                 more = chunks if node.rate == Rate.SAMPLE else int(node not in self._runs)
                 self._runs[node] = self._runs.get(node, 0) + more

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -21,6 +22,8 @@ TABLE_LENGTH = 4096
 # Of more samples the plain set is as good, and moving them takes long.
 MOST_RELAXED = 64
 DIRECTIONS, GRID, ROUNDS, TURN = 64, 64, 100, 30.0
+FIRST_PASSES = 4, 5, 6
+EXTENDING_ROUNDS, PLACES = 200, 32
 
 
 def filter_weight(pixel_filter: PixelFilter, x: np.ndarray) -> np.ndarray:
@@ -64,23 +67,61 @@ def _relaxed(pixel_filter: PixelFilter, offsets: np.ndarray) -> np.ndarray:
     direction is met evenly wherever it lies (sliced optimal transport: Paulin et al., 2020), and back into
     the middles of rows and columns."""
     samples = len(offsets)
+    # Turned first, or edges along the set's diagonal would still meet its points two by two.
+    turn = math.radians(TURN)
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    offsets = _transported(pixel_filter, offsets @ rotation.T, ROUNDS)
+    ranks = np.argsort(np.argsort(offsets, axis=0), axis=0)
+    return _quantiles(pixel_filter, (ranks + 0.5) / samples)
+
+
+def _transported(pixel_filter: PixelFilter, offsets: np.ndarray, rounds: int, held: int = 0) -> np.ndarray:
+    """All but the first `held`, moved until the projections of all follow the filter's."""
     angles = np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
     directions = np.stack([np.cos(angles), np.sin(angles)])
     grid = _quantiles(pixel_filter, np.stack([(np.arange(GRID) + 0.5) / GRID] * 2, axis=1))
     filtered = np.stack(np.meshgrid(*grid.T), axis=-1).reshape(-1, 2)
-    middles = ((np.arange(samples) + 0.5) / samples * len(filtered)).astype(int)
+    middles = ((np.arange(len(offsets)) + 0.5) / len(offsets) * len(filtered)).astype(int)
     wanted = np.sort(filtered @ directions, axis=0)[middles]
-    # Turned first, or edges along the set's diagonal would still meet its points two by two.
-    turn = math.radians(TURN)
-    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-    offsets = offsets @ rotation.T
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         projected = offsets @ directions
         step = np.empty_like(projected)
         np.put_along_axis(step, np.argsort(projected, axis=0, kind="stable"), wanted, axis=0)
-        offsets = offsets + (step - projected) @ directions.T / DIRECTIONS
-    ranks = np.argsort(np.argsort(offsets, axis=0), axis=0)
-    return _quantiles(pixel_filter, (ranks + 0.5) / samples)
+        moves = (step - projected) @ directions.T / DIRECTIONS
+        moves[:held] = 0.0
+        offsets = offsets + moves
+    return offsets
+
+
+@cache
+def passes_up_to(most: int) -> tuple[int, ...]:
+    """Samples that a pixel has after each pass of a bake that goes on until there are enough, the last
+    `most`: four passes to a doubling, so that no bake takes many more than it needs."""
+    passes = [*FIRST_PASSES, *(quarters << power for power in range(1, 16) for quarters in range(4, 8))]
+    return (*(each for each in passes if each < most), most)
+
+
+@cache
+def extended_jitters(pixel_filter: PixelFilter, passes: tuple[int, ...]) -> np.ndarray:
+    """(passes[-1], 2) as `jitters`: the first pass's set is that of as many, and each later pass adds to
+    those before it, so that all are a set as good, or nearly, after every pass. What it adds begins where
+    there is most room and is then moved as `_relaxed` does, while the others stay. Not to be written to."""
+    offsets = jitters(pixel_filter, passes[0])
+    shares, edges = _distribution(pixel_filter) if pixel_filter.radius > 0.0 else (np.zeros(2), np.zeros(2))
+    places = np.stack(np.meshgrid(*[(np.arange(PLACES) + 0.5) / PLACES] * 2), axis=-1).reshape(-1, 2)
+    for held, count in pairwise(passes):
+        taken = np.interp(offsets, edges, shares)
+        while len(taken) < count:
+            room = np.square(places[:, None] - taken).sum(axis=2).min(axis=1)
+            at_border = np.square(2.0 * np.minimum(places, 1.0 - places).min(axis=1))
+            taken = np.vstack([taken, places[np.argmax(np.minimum(room, at_border))]])
+        added = _quantiles(pixel_filter, taken[held:])
+        offsets = np.concatenate([offsets, added])
+        if held < MOST_RELAXED and pixel_filter.radius > 0.0:
+            offsets = _transported(pixel_filter, offsets, EXTENDING_ROUNDS, held)
+            offsets = np.clip(offsets, -pixel_filter.radius, pixel_filter.radius)
+    offsets.flags.writeable = False
+    return offsets
 
 
 def footprint_side(pixel_filter: PixelFilter, offset: tuple[float, float], samples: int) -> float:
@@ -131,7 +172,8 @@ class Sampling:
     """An image of `width` x `height` pixels, `samples` jittered surfaces a pixel. `tile_pixels` is about how
     many pixels a tile holds, PIXELS_PER_TILE if None. `is_progressive`: every sample of the whole image
     before the next one, so that a preview can show their mean; each pixel sums the same numbers in the same
-    order either way."""
+    order either way. `passes`: how many samples there are after each of several passes (passes_up_to), of
+    which these are those from `first` to `samples`; empty: all are one set, and it is known how many."""
 
     width: int
     height: int
@@ -139,6 +181,15 @@ class Sampling:
     pixel_filter: PixelFilter = field(default_factory=PixelFilter)
     tile_pixels: int | None = None
     is_progressive: bool = False
+    first: int = 0
+    passes: tuple[int, ...] = ()
+
+    @property
+    def jitters(self) -> np.ndarray:
+        """(samples, 2), from the very first."""
+        if not self.passes:
+            return jitters(self.pixel_filter, self.samples)
+        return extended_jitters(self.pixel_filter, self.passes)[: self.samples]
 
     @property
     def tile_rows(self) -> int:
@@ -149,14 +200,15 @@ class Sampling:
 
     def chunks(self) -> Iterator[Chunk]:
         """Tile by tile, and within a tile sample by sample; or the other way round (`is_progressive`)."""
-        offsets = [(float(dx), float(dy)) for dx, dy in jitters(self.pixel_filter, self.samples)]
+        offsets = [(float(dx), float(dy)) for dx, dy in self.jitters]
         tiles = [(y0, min(y0 + self.tile_rows, self.height)) for y0 in range(0, self.height, self.tile_rows)]
-        numbers = range(self.samples)
+        numbers = range(self.first, self.samples)
         order = product(numbers, tiles) if self.is_progressive else product(tiles, numbers)
         for pair in order:
             sample, (y0, y1) = pair if self.is_progressive else pair[::-1]
-            yield Chunk(self.width, self.height, y0, y1, sample, offsets[sample], self.samples)
+            of = self.passes[bisect_right(self.passes, sample)] if self.passes else self.samples
+            yield Chunk(self.width, self.height, y0, y1, sample, offsets[sample], of)
 
     @property
     def chunk_count(self) -> int:
-        return -(-self.height // self.tile_rows) * self.samples
+        return -(-self.height // self.tile_rows) * (self.samples - self.first)

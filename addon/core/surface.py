@@ -57,8 +57,8 @@ def with_holes(
 class Chunk:
     """Rows `y0` to `y1` (row 0 is the bottom) and columns `x0` to `x1` (all, if None) of a `width` x `height`
     image, with one jittered sample a pixel: the point at the pixel's centre plus `jitter`, in pixels.
-    `samples`: how many a pixel gets. Rows and columns may lie beyond the image: its neighbours are as any
-    other pixel's."""
+    `samples`: how many a pixel gets, or has after this pass where more may follow. Rows and columns may lie
+    beyond the image: its neighbours are as any other pixel's."""
 
     width: int
     height: int

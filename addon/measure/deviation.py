@@ -63,6 +63,7 @@ class Deviations:
     - `share` (P,): light over light + mean; `has_light` (P,): whether LIT_VIEWS of the view rays find any: of
       more of them the share of such groups that do, so that it does not depend on how many there are
     - `contradicted` (P, 2): of the rays, those that say another whole number than the layer
+    - `slopes` (P, 2, K): what `errors` grow by for each 1 that the layer's values grow by
     """
 
     errors: np.ndarray
@@ -72,6 +73,7 @@ class Deviations:
     share: np.ndarray
     contradicted: np.ndarray
     has_light: np.ndarray
+    slopes: np.ndarray
 
     def __len__(self) -> int:
         return len(self.errors)
@@ -131,6 +133,7 @@ def deviations(values: np.ndarray, seen: Seen, scale: Scale) -> Deviations:
     brightness = scale.of(light.mean(axis=1))
     whole = np.maximum(brightness + scale.mean, 1e-300)
     by_channel = halves(differences * light) / whole[:, None, None]
+    slopes = scale.errors(halves(light) / whole[:, None, None], values.shape[1])
     in_luminance = scale.of(by_channel)
     errors = scale.errors(by_channel, values.shape[1])
     chroma = np.zeros_like(by_channel)
@@ -148,6 +151,7 @@ def deviations(values: np.ndarray, seen: Seen, scale: Scale) -> Deviations:
         brightness / whole,
         halves(np.abs(differences).max(axis=2) * is_lit),
         _has_light(is_lit),
+        slopes,
     )
 
 

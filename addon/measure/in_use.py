@@ -22,8 +22,9 @@ from .interval import joined, limits
 from .kept_samples import method_error
 from .light import by_cause
 from .report import LayerError
-from .strata import NOTHING, Difficulty, Stratum, finite, mean_weight, nearby, scaling_codes
+from .strata import NOTHING, Difficulty, Stratum, finite, largest_nearby, mean_weight, nearby, scaling_codes
 from .survey import BinarySurvey, EmptySurvey, GroupedSurvey, Screened, Survey, allot, looks_again
+from .watch import Watch, likely_pixels
 
 VIEWS, SAMPLES = 16, 2
 """Of a probe: view rays of each half, and of each view ray rays of each estimate."""
@@ -76,6 +77,9 @@ class InUseScore:
 
     def measure(self, probed: Probed, probes: int, seed: int) -> Generator[None, None, LayerError]:
         return self._measuring(probed, probes, seed).run(self.reference_name)
+
+    def watch(self, probed: Probed, probes: int, seed: int) -> Generator[None, None, Watch]:
+        return self._measuring(probed, probes, seed).watch()
 
     def error_image(
         self, probed: Probed, seed: int, show: Callable[[int], None]
@@ -166,6 +170,21 @@ class _Measuring:
 
         size = self.probed.image.shape[:2]
         return (yield from error_image(halves, size, IMAGE_VIEWS, self.seed, show))
+
+    def watch(self) -> Generator[None, None, Watch]:
+        self.scale = yield from self._found_scale()
+        share, count, weights = 1.0, None, self.probed.weights
+        if weights is not None:
+            light = weights.reshape(*weights.shape[:2], -1).mean(axis=2)
+            count = float(np.count_nonzero(light > NOTHING * light.max()))
+            near = largest_nearby(light)  # samples may have missed what there is
+            share = near / (near + (mean_weight(light) or 1.0))
+        pixels, stands_for = likely_pixels(self.probed.image, share, self.probes, self.seed)
+        own = int(hash_bits(self.seed, 4))
+        found = yield from self._told(pixels, VIEWS, SAMPLES, own, 2)
+        if count is None:
+            count = float((stands_for * found.has_light).sum())
+        return Watch(pixels, stands_for, self._values(pixels), found.errors, found.slopes, count)
 
     def _codes(self) -> np.ndarray:
         return scaling_codes(self.probed.image, self.probed.weights, self.is_binary)

@@ -13,6 +13,7 @@ from .budget import DEFAULT_PROBES, within
 from .error_image import ErrorImage
 from .footprint import Probed
 from .report import LayerError, NotMeasured
+from .watch import Watch, probes_of
 
 
 class Measurement:
@@ -69,6 +70,17 @@ class Measurement:
         probes = error.probes_in_time or self.probes
         found, seconds = yield from timed(layer.kind.score.measure(probed, probes, seed))
         return replace(found, seconds=error.seconds + seconds)
+
+    def watch(self, probed: Probed) -> Generator[None, None, Watch | float]:
+        """Pixels of a layer that gets more samples, with rays of their own; of one whose score watches none,
+        its error, root mean square. How many there are does not depend on the clock."""
+        score = probed.layer.kind.score
+        seed = int(hash_bits(self.seed, text_bits(probed.layer.name), 3))
+        probes = probes_of(probed.image.shape[0] * probed.image.shape[1], score.probe_seconds)
+        if hasattr(score, "watch"):
+            return (yield from score.watch(probed, probes, seed))
+        error = yield from score.measure(probed, probes, seed)
+        return score.rms(error.value)
 
     def error_image(self, probed: Probed, show: Callable[[int], None]) -> Generator[None, None, ErrorImage]:
         """How far one finished layer is off at each pixel; yields alike. `show` is told of pixels done."""

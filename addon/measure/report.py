@@ -16,10 +16,13 @@ import numpy as np
 from ..core.graph import Graph, PlannedLayer
 from ..core.memory import MemoryEstimate
 from ..core.outline import Outline
+from ..core.params import Params
 from ..core.sequence import SequenceLayer
 from ..core.version import VERSION
+from . import target
 from .table import columns, heading, wrapped
-from .verdict import Verdict, interval_words, percent, told, worded
+from .target import Chosen, Target
+from .verdict import Verdict, interval_words, names_of, percent, told, worded
 
 SIGNIFICANT_DIGITS = 6
 STEPS_SHOWN = 10
@@ -107,8 +110,9 @@ class LayerReport:
     seen; `words`: what a person is told of it, if anything; `joins`: not so where the picture takes the same
     from another effect; `role`: what it is to the picture (core/roles.py), and `pass_name` that of the lamp
     that it is of, which the compositor's nodes are built from; `error_image`: the name of that
-    beside it, empty where there is none; `audit`: what Cycles says of it (audit/score.py), where it was
-    asked."""
+    beside it, empty where there is none; `samples`: of each pixel, chosen for this layer where it was made
+    `in_passes`, and `target` what it was to reach, with `target_words` where it did not; `audit`: what Cycles
+    says of it (audit/score.py), where it was asked."""
 
     name: str
     effect: str
@@ -126,6 +130,10 @@ class LayerReport:
     pass_name: str = ""
     error_image: str = ""
     audit: Any = None
+    samples: int = 0
+    in_passes: bool = False
+    target: Target | None = None
+    target_words: str = ""
 
     def to_json(self) -> dict[str, Any]:
         plain = {key: rounded(item) if isinstance(item, float) else item for key, item in vars(self).items()}
@@ -139,7 +147,13 @@ class LayerReport:
             del plain["joins"]
         if not self.error_image:
             del plain["error_image"]
-        del plain["verdict"], plain["lowered_by"], plain["words"], plain["audit"]
+        if not self.in_passes:
+            del plain["in_passes"]
+        if not self.target_words:
+            del plain["target_words"]
+        del plain["verdict"], plain["lowered_by"], plain["words"], plain["audit"], plain["target"]
+        if self.target is not None:
+            plain["target"] = self.target.to_json()
         if self.audit is not None:
             plain["audit"] = self.audit.to_json()
         if self.verdict:
@@ -151,7 +165,8 @@ class LayerReport:
 class Report:
     """`left_out`: pairs of what and why. `peak_mb`: the process's largest resident memory so far, MiB;
     `memory`: what was told of it before (MemoryEstimate.to_json, core/memory.py), None where nothing was;
-    `baked`: what of materials was read as Blender bakes it."""
+    `baked`: what of materials was read as Blender bakes it; `target_error`: what layers were to reach, 0:
+    nothing."""
 
     strata: str
     blender: str
@@ -170,6 +185,7 @@ class Report:
     warnings: tuple[str, ...]
     memory: MemoryEstimate | None = None
     baked: tuple[str, ...] = ()
+    target_error: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """Plain dicts, lists, strings and finite numbers."""
@@ -212,11 +228,15 @@ def report_of(
     neutral: Iterable[SequenceLayer] = (),
     order: Sequence[str] = (),
     error_images: Mapping[str, str] = MappingProxyType({}),
+    samples: int = 0,
+    chosen_samples: Mapping[str, Chosen] = MappingProxyType({}),
+    target_error: float = 0.0,
 ) -> Report:
     """Puts a bake's figures together. By layer name: `images`, `costs` (seconds, seconds alone), `errors` of
     the layers that were to be measured. `neutral` are layers
     that the sequence has and the graph does not make; `order` are the names of all as the file has them,
-    which need not be the graph's; `error_images` are names of those, by layer."""
+    which need not be the graph's; `error_images` are names of those, by layer, and `chosen_samples` what was
+    chosen for a `target_error`; others have `samples`."""
     layers = [
         LayerReport(
             layer.name,
@@ -230,6 +250,7 @@ def report_of(
             pass_name=layer.pass_name,
             error_image=error_images.get(layer.name, ""),
             **_judged(layer, errors.get(layer.name), outline),
+            **_sampled(layer, errors.get(layer.name), outline, samples, chosen_samples.get(layer.name)),
         )
         for layer in graph.layers
         if layer.effect
@@ -271,16 +292,37 @@ def _judged(layer: PlannedLayer, error: LayerError | NotMeasured | None, outline
     """What LayerReport says of an error: the verdict, and what lowers it if anything is to be seen."""
     if not isinstance(error, LayerError):
         return {}
-    score, params = layer.kind.score, layer.params
+    score, params = layer.kind.score, _params(layer, outline)
     high = error.ci95[1]
     words = worded(score.rms(error.value), None if high is None else score.rms(high))
     if words == Verdict.INVISIBLE.value:
         return {"verdict": words}
-    if params is not None and layer.of.is_lamp:
-        params = outline.lights[layer.of.index].params_for(layer.effect, params)
     settings = score.lowered_by(params, error)
     sentence = told(error, layer.light, settings, type(params) if params is not None else None)
     return {"verdict": words, "lowered_by": settings, "words": sentence}
+
+
+def _params(layer: PlannedLayer, outline: Outline) -> Params | None:
+    """The layer's own."""
+    if layer.params is None or not layer.of.is_lamp:
+        return layer.params
+    return outline.lights[layer.of.index].params_for(layer.effect, layer.params)
+
+
+def _sampled(
+    layer: PlannedLayer,
+    error: LayerError | NotMeasured | None,
+    outline: Outline,
+    samples: int,
+    chosen: Chosen | None,
+) -> dict[str, Any]:
+    """What LayerReport says of a layer's samples."""
+    if chosen is None:
+        return {"samples": samples}
+    params = _params(layer, outline)
+    advice = names_of(params.finer(), type(params)) if params is not None else ""
+    words = target.told(chosen, error.method if isinstance(error, LayerError) else None, advice)
+    return {"samples": chosen.samples, "in_passes": True, "target": chosen.target, "target_words": words}
 
 
 def _non_finite(image: np.ndarray) -> int:
@@ -317,10 +359,7 @@ def format_table(report: Report) -> str:
         + (f"; peak memory {report.peak_mb} MB" if report.peak_mb else ""),
         *([report.memory.sentence.replace("memory: ", "memory   ")] if report.memory else []),
         "",
-        *columns(
-            ["layer", "seconds", "error", "95% interval", "to an eye", "99% up to", "max", "metric"],
-            _layer_rows(report),
-        ),
+        *columns(*_layer_rows(report)),
         *[line for layer in report.layers for line in _notes(layer)],
         "",
         *columns(["step", "for", "device", "seconds"], _step_rows(report)),
@@ -341,8 +380,10 @@ def _seconds(value: float) -> str:
     return f"{value:.2f} s"
 
 
-def _layer_rows(report: Report) -> list[list[str]]:
-    rows = []
+def _layer_rows(report: Report) -> tuple[list[str], list[list[str]]]:
+    """The titles, with samples where each layer has its own, and a row for each layer."""
+    titles = ["layer", "seconds", "error", "95% interval", "to an eye", "99% up to", "max", "metric"]
+    rows, has_samples = [], any(layer.in_passes for layer in report.layers)
     for layer in report.layers:
         row = [layer.name, f"{layer.seconds:.2f}"]
         if not isinstance(layer.error, LayerError):
@@ -353,14 +394,14 @@ def _layer_rows(report: Report) -> list[list[str]]:
             row += [percent(error.p99), percent(error.max), error.metric]
         if layer.non_finite:
             row[-1] = f"{row[-1]}; {layer.non_finite} values are not finite".lstrip("; ")
-        rows.append(row)
-    return rows
+        rows.append([row[0], str(layer.samples or ""), *row[1:]] if has_samples else row)
+    return [titles[0], "samples", *titles[1:]] if has_samples else titles, rows
 
 
 def _notes(layer: LayerReport) -> list[str]:
     if isinstance(layer.error, NotMeasured):
         return wrapped(layer.error.why, f"  {layer.name} is not measured: ")
-    told = [layer.words, layer.audit.words if layer.audit else ""]
+    told = [layer.target_words, layer.words, layer.audit.words if layer.audit else ""]
     return [line for words in filter(None, told) for line in wrapped(words, f"  {layer.name}: ")]
 
 

@@ -144,9 +144,9 @@ def nearby(mask: np.ndarray) -> np.ndarray:
     return mask | near_changes(*(a != b for a, b in _neighbours(mask)))
 
 
-def largest_nearby(image: np.ndarray) -> np.ndarray:
-    """(rows, width): the largest value of the square of five by five pixels around each."""
-    for _ in range(NEARBY):
+def largest_nearby(image: np.ndarray, steps: int = NEARBY) -> np.ndarray:
+    """(rows, width): the largest value of all pixels up to so many to each side; of five by five."""
+    for _ in range(steps):
         wider = image.copy()
         np.maximum(wider[:, 1:], image[:, :-1], out=wider[:, 1:])
         np.maximum(wider[:, :-1], image[:, 1:], out=wider[:, :-1])

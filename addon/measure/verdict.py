@@ -76,7 +76,7 @@ def causes(error: LayerError, settings: Sequence[str] = (), params: type[Params]
         if error.sampling > error.method:
             found.append("most of it is aliasing: more samples")
         else:
-            found.append(f"most of it is the method: {_names(settings, params)}")
+            found.append(f"most of it is the method: {names_of(settings, params)}")
     elif settings:
         found.append(advice(settings, params))
     if settings and error.display is not None and error.display < HALF * error.value:
@@ -97,10 +97,11 @@ def told(
 def advice(settings: Sequence[str], params: type[Params] | None = None) -> str:
     """`lower it with Method Hybrid, Map Size`, as panels call the settings of an effect; empty where nothing
     does."""
-    return f"lower it with {_names(settings, params)}" if settings else ""
+    return f"lower it with {names_of(settings, params)}" if settings else ""
 
 
-def _names(settings: Sequence[str], params: type[Params] | None) -> str:
+def names_of(settings: Sequence[str], params: type[Params] | None) -> str:
+    """`Method Hybrid, Map Size`, as panels call them."""
     specs = {spec.name: spec for spec in params.specs()} if params else {}
     return ", ".join(_called(name, specs) for name in settings[:MOST_SETTINGS])
 

@@ -47,10 +47,13 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
     }
     for effect_id, given in (overrides.pop("values", None) or {}).items():
         values[effect_id] = values.get(effect_id, {}) | given
+    target_error = overrides.get("target_error")
+    target_error = settings.target_error if target_error is None else target_error
     options = {
         "effects": tuple(effect.id for effect in EFFECTS if getattr(settings, effect.id).enabled),
         "backend": preferences.backend_of(settings),
-        "samples": settings.samples,
+        "samples": settings.most_samples if target_error else settings.samples,
+        "target_error": target_error,
         "weight": settings.weight,
         "rgb_layers": settings.rgb_layers,
         "read": settings.read,
@@ -210,6 +213,17 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
             name="Samples",
             description="Jittered surfaces per pixel. More is slower and has smoother edges",
             default=8, min=1, max=4096, soft_max=64,
+        ),
+        "target_error": bpy.props.FloatProperty(
+            name="Target Error",
+            description="Each layer gets as many samples as bring its error down to this share of the "
+            "brightness. 0: all get as many samples as are set",
+            default=0.0, min=0.0, max=0.99, soft_max=0.1, step=1, precision=3,
+        ),
+        "most_samples": bpy.props.IntProperty(
+            name="Most Samples",
+            description="No layer gets more samples than this, whatever its error is",
+            default=64, min=1, max=4096, soft_max=256,
         ),
         "weight": bpy.props.EnumProperty(
             name="Weight",

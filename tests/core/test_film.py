@@ -47,6 +47,25 @@ def test_a_weighted_mean_is_a_ratio_of_sums():
     assert film.weights.tolist() == [[2.0, 1.0]]
 
 
+def test_parts_with_samples_of_their_own_join():
+    """Terms of a sum by their means, and parts of a weight too: as though both had had as many samples."""
+    first, last = fed(Film("a", (1, 1)), [(1.0,), (3.0,)]), fed(Film("a", (1, 1)), [(4.0,)] * 5)
+    image = first.finished()
+    first.join(last.finished(), None)
+    assert image.tolist() == [[6.0]]
+    first = fed(Film("a", (1, 1), weights=(1, 1)), [(1.0,), (0.0,)], [(3.0,), (1.0,)])
+    last = fed(Film("a", (1, 1), weights=(1, 1)), [(0.25,)] * 4, [(2.0,)] * 4)
+    image = first.finished()
+    first.join(last.finished(), last.weights)
+    assert image.tolist() == [[0.5]]  # of weights 2 and 2
+    assert first.weights.tolist() == [[4.0]]
+
+
+def test_pixels_of_a_film_under_way():
+    film = fed(Film("a", (1, 3)), [(1.0, 2.0, 3.0), (3.0, 4.0, 5.0)])
+    assert film.at(np.array([2, 0])).tolist() == [[4.0], [2.0]]
+
+
 def test_where_all_weigh_nothing_the_mean_over_surfaces_stands():
     film = Film("a", (1, 3), weights=(1, 3))
     samples = [(0.25, 0.25, 1.0), (0.75, 0.75, 1.0), (0.5, 1.0, 1.0)]

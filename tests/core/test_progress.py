@@ -33,7 +33,7 @@ def bake(monkeypatch):
 
 def worst_factor(graph, order, start: float) -> float:
     execution, passed, worst = Execution(), 0.0, 1.0
-    forecast = Forecast([graph], CHUNKS, PIXELS, execution, None)
+    forecast = Forecast([(graph, CHUNKS)], PIXELS, execution, None)
     for node, seconds in order[:-1]:
         execution.add_time(node, "cpu", seconds)
         passed += seconds
@@ -60,9 +60,9 @@ def test_nothing_is_left_of_a_graph_that_is_done(bake):
     execution = Execution()
     for node, seconds in order:
         execution.add_time(node, "cpu", seconds)
-    assert Forecast([graph], CHUNKS, PIXELS, execution, None).seconds_left() == 0.0
+    assert Forecast([(graph, CHUNKS)], PIXELS, execution, None).seconds_left() == 0.0
     # A second group of lamps runs the surface again.
-    assert Forecast([graph, graph], CHUNKS, PIXELS, execution, None).seconds_left() == pytest.approx(
+    assert Forecast([(graph, CHUNKS)] * 2, PIXELS, execution, None).seconds_left() == pytest.approx(
         CHUNKS * (SURFACE_SECONDS + 3 * SHADE_SECONDS)
     )
 
@@ -137,6 +137,6 @@ def test_what_has_more_to_do_takes_as_many_times_as_long(monkeypatch):
     layers = tuple(PlannedLayer(f"Layer {node.instance}", "", node, LIT) for node in (small, large))
     graph = Graph(layers, (), {}, frozenset())
     execution = Execution()
-    forecast = Forecast([graph], 1, PIXELS, execution, None)
+    forecast = Forecast([(graph, 1)], PIXELS, execution, None)
     execution.add_time(small, "cpu", 2.0)
     assert forecast.seconds_left() == pytest.approx(28 * 2.0)

@@ -22,6 +22,7 @@ RANKS = {
     "addon/bake.py": 3,
     "addon/baked.py": 3,
     "addon/measuring.py": 3,
+    "addon/passes.py": 3,
     "addon/planning.py": 3,
     "addon/job.py": 3,
     "addon/audit": 4,

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from strata.addon.core.sampling import PIXELS_PER_TILE, Sampling, filter_weight, jitters
+from strata.addon.core.sampling import (
+    PIXELS_PER_TILE,
+    Sampling,
+    extended_jitters,
+    filter_weight,
+    jitters,
+    passes_up_to,
+)
 from strata.addon.core.shot import PixelFilter
 
 FILTERS = [PixelFilter("BOX", 0.5), PixelFilter("GAUSSIAN", 2.25), PixelFilter("BLACKMAN_HARRIS", 1.5)]
@@ -64,3 +73,44 @@ def test_tiles_cover_every_row_once_a_sample(size):
     for sample in (0, 1):
         rows = [range(c.y0, c.y1) for c in chunks if c.sample == sample]
         assert sorted(y for r in rows for y in r) == list(range(size[1]))
+
+
+@pytest.mark.parametrize("pixel_filter", FILTERS)
+def test_sets_that_grow_meet_edges_about_as_evenly_as_plain_ones(pixel_filter):
+    """After every pass, root mean square over 64 directions and all places: 1.19 of the plain set at most,
+    1.13 in the middle or less."""
+    passes = passes_up_to(64)
+    extended, ratios = extended_jitters(pixel_filter, passes), []
+    for samples in passes:
+        plain = edge_error(pixel_filter, jitters(pixel_filter, samples))
+        ratios.append(edge_error(pixel_filter, extended[:samples]) / plain)
+    assert ratios[0] == 1.0
+    assert max(ratios) < 1.2
+    assert np.median(ratios) < 1.15
+    assert np.abs(extended).max() <= pixel_filter.radius
+
+
+def edge_error(pixel_filter: PixelFilter, offsets: np.ndarray) -> float:
+    """Root mean square difference of the coverage of straight edges, that the filter sees and the set."""
+    x = pixel_filter.radius * ((np.arange(200) + 0.5) / 100.0 - 1.0)
+    weight = np.outer(filter_weight(pixel_filter, x), filter_weight(pixel_filter, x)).ravel()
+    grid = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
+    places, squares = np.linspace(-1.4, 1.4, 400) * pixel_filter.radius, []
+    for angle in np.pi * np.arange(64) / 64:
+        direction = np.array([np.cos(angle), np.sin(angle)])
+        order = np.argsort(grid @ direction)
+        beside = np.interp(places, (grid @ direction)[order], np.cumsum(weight[order]) / weight.sum())
+        met = np.searchsorted(np.sort(offsets @ direction), places) / len(offsets)
+        squares.append((met - beside) ** 2)
+    return float(np.sqrt(np.mean(squares)))
+
+
+def test_what_was_sampled_stays_when_more_are_wanted():
+    """So that a bake may go on, and be made again from how many samples it took."""
+    pixel_filter = PixelFilter()
+    longer, shorter = (extended_jitters(pixel_filter, passes_up_to(most)) for most in (64, 24))
+    assert np.array_equal(longer[:24], shorter)
+    whole = Sampling(8, 8, 24, pixel_filter, passes=passes_up_to(64))
+    parts = [replace(whole, samples=10), replace(whole, first=10)]
+    assert [chunk for part in parts for chunk in part.chunks()] == list(whole.chunks())
+    assert sum(part.chunk_count for part in parts) == whole.chunk_count

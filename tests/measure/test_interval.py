@@ -103,7 +103,7 @@ def test_binary_estimate_is_unbiased_and_knows_its_variance(rays):
 def deviations_of(errors: np.ndarray) -> Deviations:
     """Of `errors` (M, 2 halves, channels), and nothing else."""
     pixels = np.zeros(len(errors))
-    return Deviations(errors, errors, errors[..., 0], pixels, pixels, errors[..., 0], pixels > 0.0)
+    return Deviations(errors, errors, errors[..., 0], pixels, pixels, errors[..., 0], pixels > 0.0, errors)
 
 
 @pytest.mark.parametrize("channels", [1, 3])

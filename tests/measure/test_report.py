@@ -86,6 +86,7 @@ def test_json_has_the_documented_keys():
     assert list(document) == [
         "strata", "blender", "scene", "frame", "size", "seed", "backend", "backend_reason", "seconds",
         "compile_seconds", "peak_mb", "steps", "layers", "left_out", "warnings", "memory", "baked",
+        "target_error",
     ]  # fmt: skip
     assert document["size"] == [960, 540]
     assert document["steps"] == [
@@ -96,7 +97,7 @@ def test_json_has_the_documented_keys():
     key, fill = document["layers"]
     assert list(key) == [
         "name", "effect", "light", "seconds", "seconds_alone", "non_finite", "error", "role", "pass_name",
-        "verdict", "lowered_by",
+        "samples", "verdict", "lowered_by",
     ]  # fmt: skip
     assert (key["role"], key["pass_name"]) == ("visibility", "K")
     assert (key["verdict"], key["lowered_by"]) == ("fine", ["samples"])

@@ -1,0 +1,55 @@
+"""What a layer's error was to come down to, and whether it did."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from .verdict import percent
+
+
+@dataclass(frozen=True)
+class Target:
+    """`error`: what it was to be, root mean square; `seen`: what it is by the pixels that decided (watch.py);
+    `is_stuck`: more samples no longer lowered it."""
+
+    error: float
+    seen: float
+    is_stuck: bool = False
+
+    @property
+    def reached(self) -> bool:
+        return self.seen <= self.error
+
+    def to_json(self) -> dict[str, Any]:
+        seen = float(f"{self.seen:.4g}")
+        return {"error": self.error, "seen": seen, "reached": self.reached}
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Of one layer: the `samples` that each pixel got, and the target that they are for, if there was any."""
+
+    samples: int
+    target: Target | None = None
+
+
+def told(chosen: Chosen, method: float | None, advice: str) -> str:
+    """Why a target was not reached, in one line; empty where it was. `method`: the part of the error that the
+    method makes, None where it is not known; `advice`: what lowers that."""
+    target = chosen.target
+    if target is None or target.reached:
+        return ""
+    off = f"off by {percent(target.seen)}, target {percent(target.error)}: "
+    lower = f": {advice}" if advice else ""
+    if method is not None and method > target.error:
+        return f"{off}the method cannot go below {percent(min(method, target.seen))}{lower}"
+    if target.is_stuck:
+        return f"{off}more samples than {chosen.samples} do not lower it{lower}"
+    return f"{off}{chosen.samples} samples are the most, and not enough"
+
+
+def samples_in(report: Mapping[str, Any]) -> dict[str, int]:
+    """By layer's name what a report of one view layer says was chosen; empty where nothing was."""
+    return {each["name"]: int(each["samples"]) for each in report["layers"] if each.get("in_passes")}

@@ -1,0 +1,170 @@
+"""A bake in passes: each layer gets more samples until its error is at its target.
+
+After every pass some pixels tell how far each layer still is (measure/watch.py). They are other pixels, with
+other rays, than those that its reported error comes from: one that was low by chance does not stay low.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+from .core.execution import Execution
+from .core.executor import Executor
+from .core.film import takes_of
+from .core.graph import Graph, PlannedLayer, Rate
+from .core.sampling import Sampling
+from .core.surface import Chunk
+from .measure.report import NotMeasured
+from .measure.target import Chosen, Target
+from .measure.watch import Watch
+from .measuring import Measuring
+
+AIM = 0.95  # of the target, since what is known of an error is off by about as much
+POWER = 0.7
+"""Errors fall about like this power of the number of samples, measured; only the time left depends on it."""
+USUAL_SAMPLES = 8
+"""Of layers that nobody measures, and of those of which nothing is known yet."""
+STUCK = 0.9
+"""Where twice as many samples leave more than this of an error, more of them hardly help."""
+FEWEST_TO_BE_STUCK = 16
+
+
+class Passes:
+    """Of one shot's groups, one after the other. `measuring` has the rays that tell how far layers are from
+    `target`; where it is known how many samples each layer gets, by its name, nobody looks: the others get
+    the most of them. `chosen`: what was chosen so far; `learnt` is called when more is known of that."""
+
+    def __init__(
+        self,
+        executor: Executor | None,
+        measuring: Measuring | None,
+        target: float,
+        samples_of: Mapping[str, int],
+        learnt: Callable[[], None] = lambda: None,
+    ):
+        self._executor, self._measuring, self._target = executor, measuring, target
+        self._samples_of, self._learnt = samples_of, learnt
+        self._expected: dict[str, float] = {}
+        self.chosen: dict[str, Chosen] = {}
+
+    def run(
+        self, group: Graph, sampling: Sampling, execution: Execution, sampled: Callable[[Chunk], None]
+    ) -> Generator[None]:
+        """Makes the group's layers; yields between slices of work."""
+        executor, measured = (
+            self._executor,
+            [] if self._samples_of else list(filter(_is_measured, group.layers)),
+        )
+        looked = {layer.name: _Looked(self._measuring, layer, self._target) for layer in measured}
+        going_on = list(group.layers)
+        for first, samples in pairwise((0, *sampling.passes)):
+            part, own = (
+                replace(group, layers=tuple(going_on)),
+                replace(sampling, first=first, samples=samples),
+            )
+            for _ in executor.run(part, own, execution, sampled, finishes=False):
+                yield
+            for layer in going_on:
+                self.chosen[layer.name] = Chosen(samples)
+                if layer.name in looked:
+                    self.chosen[layer.name] = yield from looked[layer.name].chosen(samples)
+                    self._expected[layer.name] = looked[layer.name].expected(samples, sampling.samples)
+            going_on = self._going_on(group, going_on, looked, samples)
+            self._learnt()
+            if not going_on:
+                break
+        for _ in executor.finish(group, execution):
+            yield
+        for take in takes_of(group):
+            if not take.is_whole:
+                execution.set_aside(take)
+
+    def _going_on(
+        self, group: Graph, layers: list[PlannedLayer], looked: dict[str, _Looked], samples: int
+    ) -> list[PlannedLayer]:
+        """Layers that are to get more samples, what is made of what is made anyway, and as long as there are
+        any what nobody looks at."""
+        if self._samples_of:
+            return [layer for layer in layers if samples < self._samples_of_layer(layer.name)]
+        open_ones = [layer for layer in layers if layer.name in looked and not looked[layer.name].is_done]
+        if not open_ones and (looked or samples >= USUAL_SAMPLES):
+            return []
+        wanted = (layer for layer in layers if layer in open_ones or layer.name not in looked)
+        made = set(replace(group, layers=tuple(wanted)).nodes())
+        return [layer for layer in layers if layer.node in made]
+
+    def _samples_of_layer(self, name: str) -> int:
+        return self._samples_of.get(name, max(self._samples_of.values()))
+
+    def parts(self, groups: Sequence[Graph], sampling: Sampling) -> list[tuple[Graph, int]]:
+        """What has run and what is expected to: graphs, and how many samples of each."""
+        found = []
+        for group in groups:
+            counts = {layer.name: self._expected_samples(layer.name, sampling) for layer in group.layers}
+            for first, samples in pairwise((0, *sorted(set(counts.values())))):
+                layers = tuple(layer for layer in group.layers if counts[layer.name] >= samples)
+                found.append((replace(group, layers=layers), samples - first))
+        return found
+
+    def _expected_samples(self, name: str, sampling: Sampling) -> int:
+        if self._samples_of:
+            return self._samples_of_layer(name)
+        done = self.chosen[name].samples if name in self.chosen else 0
+        usual = max(map(round, self._expected.values()), default=min(USUAL_SAMPLES, sampling.samples))
+        return max(done, round(self._expected.get(name, usual)))
+
+
+class _Looked:
+    """A layer that is looked at after each pass, until it `is_done`."""
+
+    def __init__(self, measuring: Measuring, layer: PlannedLayer, target: float):
+        self._measuring, self._layer, self._target = measuring, layer, target
+        self._watch: Watch | float | None = None
+        self._since, self._first = 0, 0.0  # samples that the watch began with, and its error then
+        self._error: float | None = None
+        self.is_done = False
+
+    def chosen(self, samples: int) -> Generator[None, None, Chosen]:
+        """What is chosen where no more follow."""
+        if self.is_done:  # it goes on with another
+            return Chosen(samples, self._told(False))
+        before, is_doubled = self._first, samples >= 2 * self._since
+        if isinstance(self._watch, Watch):
+            self._error = self._measuring.watched_error(self._layer, self._watch)
+            is_stuck = is_doubled and self._is_stuck(before, samples)
+        else:
+            is_stuck = False
+        # What was likely to be wrong with few samples is not with many.
+        if not is_stuck and is_doubled:
+            found = yield from self._measuring.watch(self._layer)
+            if isinstance(found, NotMeasured):
+                self.is_done = True
+                return Chosen(samples)
+            is_first = self._error is None
+            self._error = found
+            if isinstance(found, Watch):
+                self._error = self._measuring.watched_error(self._layer, found)
+            elif not is_first:
+                is_stuck = self._is_stuck(before, samples)
+            self._watch, self._since, self._first = found, samples, self._error
+        self.is_done = is_stuck or self._error <= AIM * self._target
+        return Chosen(samples, self._told(is_stuck))
+
+    def _is_stuck(self, before: float, samples: int) -> bool:
+        """Whether it is as wrong as with half the samples, or nearly."""
+        return samples >= FEWEST_TO_BE_STUCK and self._error > max(STUCK * before, self._target)
+
+    def expected(self, samples: int, most: int) -> float:
+        """Samples at the end, as it seems after so many."""
+        if self.is_done or self._error is None:
+            return samples
+        return min(samples * (self._error / (AIM * self._target)) ** (1.0 / POWER), most)
+
+    def _told(self, is_stuck: bool) -> Target | None:
+        return None if self._error is None else Target(self._target, self._error, is_stuck)
+
+
+def _is_measured(layer: PlannedLayer) -> bool:
+    return layer.kind.score is not None and layer.is_whole and layer.node.rate == Rate.SAMPLE

@@ -1,0 +1,137 @@
+"""Bakes that go on until each layer's error is at its target, on scenes made without Blender."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from strata.addon.bake import Baked, BakeJob
+from strata.addon.core.errors import StrataError
+from strata.addon.core.slices import finished
+from strata.addon.measuring import Measuring
+from strata.addon.passes import FEWEST_TO_BE_STUCK
+from strata.addon.planning import Options, plan_scene
+from strata.tests.bake.test_bake_job import FROM_ABOVE
+from strata.tests.support.flat_scenes import FLOOR, lamp, scene_of
+
+SOFT, CRISP = 2.0, 0.02
+
+
+def two_lamps():
+    """Over a floor with many small plates: edges in every other pixel."""
+    rng = np.random.default_rng(1)
+    lows = np.concatenate([rng.uniform(-2.8, 2.5, (40, 2)), rng.uniform(0.2, 1.5, (40, 1))], axis=1)
+    highs = lows + np.concatenate([rng.uniform(0.05, 0.5, (40, 2)), np.zeros((40, 1))], axis=1)
+    plates = [(tuple(low), tuple(high)) for low, high in zip(lows.tolist(), highs.tolist(), strict=True)]
+    lights = [lamp((-1.0, 0.0, 5.0), CRISP), lamp((1.0, 1.0, 5.0), SOFT)]
+    named = [replace(light, name=name, pass_name=name) for light, name in zip(lights, "AB", strict=True)]
+    return scene_of([FLOOR, *plates], named)
+
+
+def bake(scene=None, **options) -> Baked:
+    outline, arrays = scene or two_lamps()
+    given = {"samples": 64, "target_error": 0.008, "probes": 0, "effects": ("soft_shadow",)}
+    chosen = Options(backend="cpu", **given | options)
+    return BakeJob(outline, plan_scene(outline, FROM_ABOVE, chosen), arrays, chosen).result()
+
+
+def samples_of(baked: Baked) -> dict[str, int]:
+    return {layer.name: layer.samples for layer in baked.report.layers}
+
+
+def pixels_of(baked: Baked) -> list[np.ndarray]:
+    return [layer.pixels for layer in baked.layers.layers]
+
+
+def test_each_layer_gets_samples_of_its_own():
+    loose, close = bake(target_error=0.03), bake(target_error=0.01)
+    assert list(samples_of(loose).values()) == [4, 4]
+    crisp, soft = samples_of(close).values()
+    assert crisp > soft == 4
+    assert all(layer.target.reached and layer.target.seen <= 0.01 for layer in close.report.layers)
+    assert [layer.samples for layer in close.layers.layers] == [crisp, soft]
+
+
+def test_what_was_chosen_gives_the_same_bits_again():
+    first = bake()
+    again = bake(target_error=0.0, samples_of=samples_of(first))
+    assert samples_of(again) == samples_of(first)
+    for one, other in zip(pixels_of(first), pixels_of(again), strict=True):
+        assert np.array_equal(one, other)
+
+
+def test_the_choice_does_not_hang_on_what_is_reported():
+    """Nor on the clock: neither how many probes there are nor whether there are any."""
+    choices = [samples_of(bake(probes=probes)) for probes in (0, 64, None)]
+    assert choices[0] == choices[1] == choices[2]
+
+
+def test_a_layer_in_groups_is_the_same():
+    whole, grouped = bake(composite=True), bake(composite=True, memory_bytes=1)
+    assert grouped.report.memory.groups > 1 == whole.report.memory.groups
+    alone = bake(samples_of=samples_of(grouped), target_error=0.0)
+    for one, other in zip(pixels_of(grouped), pixels_of(alone), strict=True):
+        assert np.array_equal(one, other)
+    # The parts have each their own number of samples; the picture is the sum of their means.
+    assert len(set(samples_of(grouped).values())) == 2
+    assert grouped.composite.mean() == pytest.approx(whole.composite.mean(), rel=0.01)
+    same = dict.fromkeys(samples_of(whole), 10)
+    pictures = [bake(composite=True, samples_of=same, memory_bytes=size).composite for size in (0, 1)]
+    assert np.allclose(*pictures, rtol=1e-5)
+
+
+def test_a_picture_has_as_many_samples_as_its_slowest_layer():
+    apart, joined = samples_of(bake()), samples_of(bake(composite=True))
+    assert set(joined.values()) == {max(apart.values())} != set(apart.values())
+
+
+def test_the_error_is_at_the_target():
+    """By all pixels, with other rays than those that decided: in the mean of four seeds, since in so small a
+    picture a single choice is off by a tenth or two."""
+    truths, measured, target = [], Measuring.errors, 0.008
+
+    def errors(self, graph):
+        for layer in graph.layers:
+            probed = self._probed(layer)
+            pixels = probed.image.size
+            watch = finished(layer.kind.score.watch(probed, 8 * pixels, 123))
+            truths.append(watch.rms(probed.image.reshape(pixels, -1)[watch.pixels]))
+        return (yield from measured(self, graph))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Measuring, "errors", errors)
+        for seed in range(4):
+            bake(target_error=target, probes=1, seed=seed)
+    assert len(truths) == 8
+    assert 0.7 * target < np.mean(truths) < 1.1 * target
+    assert max(truths) < 1.3 * target
+
+
+def test_what_more_samples_do_not_lower_is_told():
+    coarse = {"soft_shadow": {"method": "area", "resolution": 128}}
+    baked = bake(target_error=0.005, samples=64, values=coarse, probes=512)
+    told = [layer for layer in baked.report.layers if not layer.target.reached]
+    assert told
+    for layer in told:
+        assert FEWEST_TO_BE_STUCK <= layer.samples < 64  # it does not go on for nothing
+        assert "target 0.5%: the method cannot go below" in layer.target_words
+        assert "Method Hybrid" in layer.target_words or "Map Size" in layer.target_words
+
+
+def test_most_samples_are_told():
+    baked = bake(target_error=0.001, samples=6)
+    assert set(samples_of(baked).values()) == {6}
+    assert all("6 samples are the most" in layer.target_words for layer in baked.report.layers)
+
+
+def test_a_bake_without_a_target_has_the_samples_it_was_told():
+    plain = bake(target_error=0.0, samples=3)
+    assert set(samples_of(plain).values()) == {3}
+    assert all(layer.target is None and not layer.in_passes for layer in plain.report.layers)
+
+
+@pytest.mark.parametrize("target", [-0.1, 1.0])
+def test_a_target_is_a_share(target):
+    with pytest.raises(StrataError, match="target error"):
+        Options(target_error=target)
