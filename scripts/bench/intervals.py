@@ -297,8 +297,8 @@ def document_of(told_of: list[Told]) -> str:
     return "\n\n".join(
         [
             "### Intervals on random scenes",
-            f"{len({each.scene for each in told_of})} of {SCENES} scenes of up to eight things, three "
-            "lamps and fog, some in toon, with good settings and bad ones (1 to 16 samples, maps of 128 texels), "
+            f"{len({each.scene for each in told_of})} of {SCENES} scenes of up to eight things, three lamps "
+            "and fog, some in toon, with good settings and bad ones (1 to 16 samples, maps of 128 texels), "
             f"{width}x{height}. The truth is the reports' own, asked at every pixel and with more rays: how "
             "often the interval holds the error of all pixels, or does if widened by two standard deviations "
             "of that error's own noise, and, in the median, its upper end and the value over that error.",
