@@ -98,11 +98,10 @@ def test_a_scene_that_needs_nothing_says_so():
     )
 
 
-@pytest.mark.parametrize("method", ["area", "bitmask", "hybrid"])
+@pytest.mark.parametrize("method", ["area", "bitmask", "hybrid", "rays"])
 def test_every_method_bakes(method, backend):
-    options = Options(
-        backend=backend, samples=1, probes=256, values={"soft_shadow": {"method": method, "resolution": 512}}
-    )
+    values = {"method": method, "resolution": 512, "sample_rays": 64}
+    options = Options(backend=backend, samples=1, probes=256, values={"soft_shadow": values})
     baked = bake_file(SAMPLES / "stacked.blend", options)
     (layer,) = baked.layers.layers
     # The area sum overshadows where occluders overlap, which is what this scene is made of.

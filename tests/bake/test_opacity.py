@@ -24,7 +24,7 @@ LETS = {
     "clear": 1.0,
     "whole": 0.0,
 }
-METHODS = ["bitmask", "hybrid", "area"]
+METHODS = ["bitmask", "hybrid", "area", "rays"]
 TOLERANCE = 0.005  # what is asked for; by rays there is no noise at all
 
 

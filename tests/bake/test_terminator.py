@@ -50,10 +50,10 @@ def test_toon_asks_for_it_where_its_shadows_are_crisp_and_its_normals_smooth():
         assert ("terminator_lift" in found) == there
 
 
-@pytest.mark.parametrize("method", ["bitmask", "hybrid"])
+@pytest.mark.parametrize("method", ["bitmask", "hybrid", "rays"])
 def test_a_layer_is_what_its_own_reference_says(method):
     """The truth by rays heeds offsets too: the method's own error stays what it is without."""
-    values = {"soft_shadow": {"method": method}}
+    values = {"soft_shadow": {"method": method, "sample_rays": 64}}
     errors = []
     for offset in (0.0, 0.1):
         outline, arrays = smooth_scene(offset)

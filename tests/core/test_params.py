@@ -33,7 +33,7 @@ def test_words_from_a_command_line_become_values():
         ({"layers": 9}, ("soft_shadow.layers", "9", "1 to 8")),
         ({"layers": "three"}, ("soft_shadow.layers", "whole number")),
         ({"gradient_scale": float("nan")}, ("soft_shadow.gradient_scale", "not a number")),
-        ({"method": "magic"}, ("soft_shadow.method", "magic", "area, bitmask, hybrid")),
+        ({"method": "magic"}, ("soft_shadow.method", "magic", "area, bitmask, hybrid, rays")),
         ({"softness": 1}, ("softness", "layers")),
     ],
 )

@@ -10,13 +10,15 @@ from ...core.params import Group, Params, param
 
 
 class Method(Enum):
-    """How backprojected texels add up to occlusion."""
+    """How backprojected texels add up to occlusion, or rays without any map."""
 
     AREA = "area"
     BITMASK = "bitmask"
     HYBRID = "hybrid"
+    RAYS = "rays"
 
 
+OF_MAPS = When("method", (Method.AREA, Method.BITMASK, Method.HYBRID))
 SAMPLING = Group("Sampling")
 BIAS = Group("Bias")
 
@@ -28,6 +30,7 @@ class SoftShadowParams(Params):
         hard=(1, 8),
         trades_time=True,
         per_light=True,
+        used_when=OF_MAPS,
         doc="Depths kept per texel; more stop light from leaking between overlapping casters",
     )
     resolution: int = param(
@@ -37,12 +40,14 @@ class SoftShadowParams(Params):
         trades_time=True,
         per_light=True,
         label="Map Size",
+        used_when=OF_MAPS,
         doc="Side of each light's depth map",
     )
     method: Method = param(
         Method.BITMASK,
         per_light=True,
-        doc="How texels add up: area is the thesis's sum, bitmask counts light samples, hybrid adds rays",
+        doc="How texels add up: area is the thesis's sum, bitmask counts light samples, hybrid adds rays; or "
+        "rays alone, a few for each of a pixel's samples",
     )
     max_samples: int = param(
         512,
@@ -52,6 +57,7 @@ class SoftShadowParams(Params):
         trades_time=True,
         label="Max Texels",
         group=SAMPLING,
+        used_when=OF_MAPS,
         doc="Texels of the map that one point may read; beyond it a coarser map is read",
     )
     refinements: int = param(
@@ -59,6 +65,7 @@ class SoftShadowParams(Params):
         hard=(0, 4),
         trades_time=True,
         group=SAMPLING,
+        used_when=OF_MAPS,
         doc="Times the search region is narrowed by the nearest caster in it",
     )
     gradient_scale: float = param(
@@ -67,6 +74,7 @@ class SoftShadowParams(Params):
         soft=(0.0, 4.0),
         label="Scale",
         group=BIAS,
+        used_when=OF_MAPS,
         doc="Shadow bias, a multiple of the depth's slope across a texel; too small: acne, too large: leaks",
     )
     gradient_cap_m: float = param(
@@ -77,6 +85,7 @@ class SoftShadowParams(Params):
         label="Limit",
         group=BIAS,
         unlimited="Unlimited",
+        used_when=OF_MAPS,
         doc="Largest bias that the slope may give",
     )
     spacing: int = param(
@@ -99,10 +108,23 @@ class SoftShadowParams(Params):
         "point; 0: none",
     )
 
+    sample_rays: int = param(
+        4,
+        hard=(1, 1024),
+        soft=(1, 64),
+        trades_time=True,
+        per_light=True,
+        used_when=When("method", (Method.RAYS,)),
+        doc="Rays for each of a pixel's samples, with the method rays; those of all are spread over the "
+        "light",
+    )
+
     def finer(self) -> tuple[str, ...]:
         """Rays first, which no map equals (the bitmask asks for few), then larger maps: in sample scenes 256
         rays of 32 take away up to half of hybrid's error, maps of 4096 of 1024 texels too, more layers a
         fifth or nothing."""
+        if self.method == Method.RAYS:
+            return super().finer()
         first = ("rays", "resolution", "max_samples")
         finer = sorted(super().finer(), key=lambda name: first.index(name) if name in first else len(first))
         finer = [name for name in finer if name != "rays" or self.method == Method.HYBRID]
@@ -120,6 +142,6 @@ class SoftShadowParams(Params):
             spacing=max(2, self.spacing),
             resolution=max(128, round(self.resolution * share)),
             max_samples=max(16, round(self.max_samples * share)),
-            method=Method.BITMASK if self.method == Method.HYBRID else self.method,
+            method=Method.AREA if self.method == Method.AREA else Method.BITMASK,
             rays=0,
         )

@@ -119,7 +119,34 @@ def _record_light(recorder, outline, params, index, casters, receivers) -> Node:
     offsets = terminator.offsets_of(outline, recorder.shot)
     attributes = {*steps.POINTS, *(terminator.READ if offsets is not None else ())}
     attributes.update(() if light.receivers is None else ("instance",))
-    surface = points = shared.surface(recorder, outline, *attributes)
+    surface = shared.surface(recorder, outline, *attributes)
+    if not _has_size(light):
+        recorder.left_out(f"{_told(light)}, penumbra", "a light of no size has hard shadows", light.name)
+    of_rays = {
+        "instance": light.name,
+        "eye": recorder.shot.origin,
+        "emitter": light.emitter,
+        "casters": casters,
+        "seed": int(hash_bits(recorder.shot.seed, outline.frame, index)),
+        "offsets": offsets,
+    }
+    if params.method == Method.RAYS:
+        recorder.reads_instances(casters)
+        accelerator = shared.ray_accelerator(outline, recorder.shot)
+        visibility = recorder.step(steps.RAYS_ALONE, surface, accelerator, rays=params.sample_rays, **of_rays)
+    else:
+        shadow = _by_maps(recorder, outline, params, light, surface, casters, receivers, of_rays)
+        visibility = recorder.step(steps.VISIBILITY, shadow, instance=light.name)
+    if light.receivers is not None:
+        visibility = recorder.step(
+            steps.RECEIVERS, surface, visibility, instance=light.name, receivers=light.receivers
+        )
+    return visibility
+
+
+def _by_maps(recorder, outline, params, light: Light, surface, casters, receivers, of_rays) -> Node:
+    """The light's maps, what they tell of each point, and rays where they are not to be believed."""
+    points, offsets = surface, of_rays["offsets"]
     if offsets is not None:
         of_light = {"eye": recorder.shot.origin, "emitter": light.emitter}
         points = recorder.step(steps.RAISED, surface, instance=light.name, **of_light, offsets=offsets)
@@ -139,8 +166,6 @@ def _record_light(recorder, outline, params, index, casters, receivers) -> Node:
     for reason, count in Counter(reason for _, reason in left_out).items():
         maps = f"{count} of its maps" if count > 1 else "one of its maps"
         recorder.left_out(f"{_told(light)}, {maps}", WHY_NO_MAP.get(reason, reason), light.name)
-    if not _has_size(light):
-        recorder.left_out(f"{_told(light)}, penumbra", "a light of no size has hard shadows", light.name)
     partial = partly_opaque(outline, casters)
     maps, partial_maps, inner = [], [], None
     for name, view in views:
@@ -202,21 +227,11 @@ def _record_light(recorder, outline, params, index, casters, receivers) -> Node:
             surface,
             shadow,
             accelerator,
-            instance=light.name,
-            eye=eye,
-            emitter=light.emitter,
-            casters=casters,
             method=params.method.value,
             rays=params.rays,
-            seed=int(hash_bits(recorder.shot.seed, outline.frame, index)),
-            offsets=offsets,
+            **of_rays,
         )
-    visibility = recorder.step(steps.VISIBILITY, shadow, instance=light.name)
-    if light.receivers is not None:
-        visibility = recorder.step(
-            steps.RECEIVERS, surface, visibility, instance=light.name, receivers=light.receivers
-        )
-    return visibility
+    return shadow
 
 
 def _distances(outline: Outline, emitter: Emitter, casters: frozenset[int]) -> np.ndarray:

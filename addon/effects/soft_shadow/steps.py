@@ -6,7 +6,6 @@ import numpy as np
 
 from ...core.graph import Node, Rate, Step
 from ...core.outline import Outline
-from ...core.random import hash_bits
 from ...core.surface import Chunk
 from ..shared.membership import belong
 from ..shared.terminator import lifts_of
@@ -105,25 +104,38 @@ def _rays(
         chosen = np.flatnonzero(shadow["uncertain"] == doubt)
         if not len(chosen):
             continue
-        points = [np.ascontiguousarray(surface[name].reshape(-1, 3)[chosen]) for name in POINTS]
-        lifts = None if offsets is None else lifts_of(surface, offsets, chosen)
-        # Pixels and samples are told apart, whatever the tiles and the device.
-        sample_seed = int(hash_bits(seed, chunk.sample))
-        numbers = chunk.numbers(chosen)
-        traced, _ = device.kernels.ray_visibility(
-            accelerator,
-            device.instance_mask(casters),
-            emitter.packed(),
-            np.array(eye),
-            *points,
-            count,
-            sample_seed,
-            numbers,
-            lifts,
-            cancel=device.cancel_flag,
+        traced = _traced(
+            device, surface, chosen, accelerator, eye, emitter, casters, count, seed, chunk, offsets
         )
         visibility.reshape(-1)[chosen] = traced
     return {"visibility": visibility, "uncertain": shadow["uncertain"]}
+
+
+def _traced(device, surface, chosen, accelerator, eye, emitter, casters, rays, seed, chunk, offsets):
+    """(N,) float32 of points `chosen` (an index), by so many rays each. Pixels are told apart whatever the
+    tiles and the device, and a pixel's samples go on with one sequence, which is well spread as a whole."""
+    traced, _ = device.kernels.ray_visibility(
+        accelerator,
+        device.instance_mask(casters),
+        emitter.packed(),
+        np.array(eye),
+        *(np.ascontiguousarray(surface[name].reshape(-1, 3)[chosen]) for name in POINTS),
+        rays,
+        seed,
+        chunk.numbers(chosen),
+        None if offsets is None else lifts_of(surface, offsets, chosen),
+        first=chunk.sample * rays,
+        cancel=device.cancel_flag,
+    )
+    return traced
+
+
+def _rays_alone(device, surface, accelerator, eye, emitter, casters, rays, seed, chunk, offsets=None):
+    everywhere = np.arange(np.prod(chunk.shape))
+    traced = _traced(
+        device, surface, everywhere, accelerator, eye, emitter, casters, rays, seed, chunk, offsets
+    )
+    return traced.reshape(chunk.shape)
 
 
 def _raised(device, surface, eye, emitter, offsets):
@@ -191,6 +203,14 @@ RAYS = Step(
     hole="rays live on the CPU only",
     rate=Rate.SAMPLE,
     ordinary_seconds=80e-9,
+)
+# Rays from every point, and no map.
+RAYS_ALONE = Step(
+    "soft_shadow/rays_alone",
+    cpu=_rays_alone,
+    hole="rays live on the CPU only",
+    rate=Rate.SAMPLE,
+    ordinary_seconds=400e-9,
 )
 VISIBILITY = Step("soft_shadow/visibility", cpu=_visibility, gpu=gpu_steps.visibility, ordinary_seconds=4e-9)
 # Instances that the light does not light stay as they are (light linking).

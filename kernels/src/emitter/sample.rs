@@ -57,6 +57,18 @@ pub struct Samples {
     pub weight: Lanes,
 }
 
+impl Samples {
+    /// The direction to one. Written out: `map` is not always inlined.
+    #[inline(always)]
+    pub fn towards(&self, lane: usize) -> [f32; 3] {
+        [
+            self.direction[0][lane],
+            self.direction[1][lane],
+            self.direction[2][lane],
+        ]
+    }
+}
+
 /// Without the handling of NaN that keeps the standard ones from being one instruction.
 #[inline(always)]
 fn min(a: f32, b: f32) -> f32 {

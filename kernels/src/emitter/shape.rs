@@ -1,5 +1,6 @@
 //! What an emitter is.
 
+use crate::vector::{dot, length};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -57,5 +58,28 @@ impl Emitter {
             cos_cone: v[16],
             blend: v[17],
         })
+    }
+
+    /// Whether a point with a normal of length 1 surely gets no light, because all of the light is below its horizon,
+    /// or the point behind the light's plane or outside its cone: by so much that every sample's weight is 0, whatever
+    /// it is rounded to.
+    #[inline(always)]
+    pub fn surely_misses(&self, point: [f64; 3], normal: [f32; 3]) -> bool {
+        let (c, f) = (self.centre, self.forward);
+        let (towards, reach) = match self.kind {
+            EmitterKind::DistantDisk => ([-f[0], -f[1], -f[2]], self.half_width),
+            _ => (
+                [c[0] - point[0], c[1] - point[1], c[2] - point[2]],
+                (self.half_width * self.half_width + self.half_height * self.half_height).sqrt(),
+            ),
+        };
+        let distance = length(towards);
+        let guard = 1e-3 * (distance + reach);
+        let behind = dot(f, towards);
+        let normal = [f64::from(normal[0]), f64::from(normal[1]), f64::from(normal[2])];
+        let is_plane = matches!(self.kind, EmitterKind::Rectangle | EmitterKind::Ellipse);
+        dot(normal, towards) < -(reach + guard)
+            || (is_plane && behind > guard)
+            || 2.0 * reach + guard - behind < self.cos_cone * distance
     }
 }

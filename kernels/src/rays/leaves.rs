@@ -18,15 +18,20 @@ pub struct InTriangles<'a, const SHARED: bool, const NEAREST: bool> {
 }
 
 impl<const SHARED: bool, const NEAREST: bool> InTriangles<'_, SHARED, NEAREST> {
-    /// The triangles of a block that cast.
     #[inline(always)]
-    fn casting(&self, block: &Block) -> u32 {
-        let casts = |instance: u32| u32::from(self.casters[instance as usize] != 0);
-        match block.instance {
-            _ if self.casters.is_empty() => u32::MAX,
-            Some(instance) => casts(instance).wrapping_neg(),
-            None => (0..LANES).fold(0, |mask, lane| mask | casts(block.instances[lane]) << lane),
+    fn casts(&self, instance: u32) -> bool {
+        self.casters.is_empty() || self.casters[instance as usize] != 0
+    }
+
+    /// Of the triangles `hit` in a block, those that cast.
+    #[inline(always)]
+    fn casting(&self, block: &Block, hit: u32) -> u32 {
+        if block.instance.is_some() {
+            return hit; // none of it was looked at otherwise
         }
+        lanes_of(hit).fold(0, |mask, lane| {
+            mask | u32::from(self.casts(block.instances[lane])) << lane
+        })
     }
 }
 
@@ -34,15 +39,15 @@ impl<const SHARED: bool, const NEAREST: bool> Leaf for InTriangles<'_, SHARED, N
     #[inline(always)]
     fn visit<V: Vector>(&mut self, vector: V, packet: &mut Packet, rays: u32, leaf: usize) {
         let block = &self.blocks[leaf];
-        let casting = self.casting(block);
-        if casting == 0 {
+        if block.instance.is_some_and(|instance| !self.casts(instance)) {
             return;
         }
-        let first = rays.trailing_zeros() as usize % LANES;
-        let mut seen = block.seen_from(vector, packet.origin_of(first), packet);
+        let mut origin = packet.origin_of(rays.trailing_zeros() as usize % LANES);
+        let mut seen = block.seen_from(vector, origin, packet);
         for ray in lanes_of(rays) {
-            if !SHARED && ray != first {
-                seen = block.seen_from(vector, packet.origin_of(ray), packet);
+            if !SHARED && origin != packet.origin_of(ray) {
+                origin = packet.origin_of(ray);
+                seen = block.seen_from(vector, origin, packet);
             }
             let d = &packet.direction;
             // As far as the hit so far, and not just before it: of equal ones the rule below decides.
@@ -50,7 +55,7 @@ impl<const SHARED: bool, const NEAREST: bool> Leaf for InTriangles<'_, SHARED, N
             let t_max = packet.t_max[ray];
             let end = if met { t_max.next_up() } else { t_max };
             let hits = seen.intersect(vector, [d[0][ray], d[1][ray], d[2][ray]], end);
-            let mut hit = hits.hit & casting;
+            let mut hit = self.casting(block, hits.hit);
             if hit & block.clear != 0 {
                 let mut weights = [[0.0; LANES]; 3];
                 for edge in 0..3 {

@@ -59,6 +59,7 @@ impl<'a> Request<'a> {
         position: &'a PyReadonlyArray2<'_, f32>,
         geometric_normal: &'a PyReadonlyArray2<'_, f32>,
         shading_normal: &'a PyReadonlyArray2<'_, f32>,
+        first: u32,
         samples: usize,
         seed: u64,
         lifts: &'a Option<PyReadonlyArray2<'_, f32>>,
@@ -67,6 +68,9 @@ impl<'a> Request<'a> {
         if !(1..=4096).contains(&samples) {
             return Err(PyValueError::new_err("samples is 1 to 4096"));
         }
+        if first.checked_add(samples as u32).is_none() {
+            return Err(PyValueError::new_err("samples end below number 2^32"));
+        }
         Ok(Request {
             casters: bytes(casters, accel.scene.data.instances.len())?,
             emitter: Emitter::from_packed(emitter.as_slice()?)?,
@@ -74,7 +78,7 @@ impl<'a> Request<'a> {
             positions: triples(position, count, "position")?,
             geometric_normals: triples(geometric_normal, count, "geometric_normal")?,
             shading_normals: triples(shading_normal, count, "shading_normal")?,
-            pattern: Pattern::new(samples, seed),
+            pattern: Pattern::new(first, samples, seed),
             seed,
             numbers: None,
             lifts: match lifts {
@@ -115,10 +119,11 @@ impl<'a> Request<'a> {
 /// (N, 3) f32 is relative to; `geometric_normal` and `shading_normal` (N, 3) f32, unit. A position that is not finite
 /// (a miss) gives 1 and 0. The same `seed` gives the same bits; a point's number is part of its hash: of `numbers` (N,)
 /// u32, its index if None. `lifts` (N, 4) f32 or None: near the terminator rays begin so far from the point, metres, which is
-/// all of the way from geometric cosines of 0 down and none of it from the fourth number up. Raises Cancelled.
+/// all of the way from geometric cosines of 0 down and none of it from the fourth number up. `first`: number of the first
+/// sample in its point's sequence, so that several calls may go on with one, which is well spread as a whole. Raises Cancelled.
 #[pyfunction]
 #[pyo3(signature = (accel, casters, emitter, eye, position, geometric_normal, shading_normal, samples, seed, numbers=None,
-    lifts=None, cancel=None))]
+    lifts=None, first=0, cancel=None))]
 fn ray_visibility<'py>(
     py: Python<'py>,
     accel: PyRef<'py, Accel>,
@@ -132,6 +137,7 @@ fn ray_visibility<'py>(
     seed: u64,
     numbers: Option<PyReadonlyArray1<'py, u32>>,
     lifts: Option<PyReadonlyArray2<'py, f32>>,
+    first: u32,
     cancel: Flag<'py>,
 ) -> PyResult<(Floats<'py>, Floats<'py>)> {
     let mut request = Request::new(
@@ -142,6 +148,7 @@ fn ray_visibility<'py>(
         &position,
         &geometric_normal,
         &shading_normal,
+        first,
         samples,
         seed,
         &lifts,
@@ -201,6 +208,7 @@ fn ray_screen<'py>(
         &position,
         &geometric_normal,
         &shading_normal,
+        0,
         CANDIDATES,
         seed,
         &lifts,

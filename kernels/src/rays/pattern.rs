@@ -43,12 +43,13 @@ pub struct Turn {
 }
 
 impl Pattern {
-    pub fn new(count: usize, seed: u64) -> Self {
+    /// `count` samples of the sequence from its number `first` on.
+    pub fn new(first: u32, count: usize, seed: u64) -> Self {
         let batches = count.div_ceil(LANES);
         let mut bits = Vec::with_capacity(TABLES * batches);
         for table in 0..TABLES as u32 {
             let keys = [hash(seed, [table, 0x51]), hash(seed, [table, 0xa7])];
-            let mut samples: Vec<[u32; 2]> = (0..count as u32)
+            let mut samples: Vec<[u32; 2]> = (first..first + count as u32)
                 .map(|i| [scrambled(i, keys[0]), scrambled(sobol(i), keys[1])].map(u32::reverse_bits))
                 .collect();
             // Neighbours on the light into one packet: its rays then visit the same boxes.

@@ -99,17 +99,25 @@ impl Lit {
         let position = points.positions[index];
         let geometric_normal = points.geometric_normals[index];
         let shading_normal = points.shading_normals[index];
-        let numbers = position.iter().chain(&geometric_normal).chain(&shading_normal);
-        if !numbers.into_iter().fold(true, |finite, x| finite & x.is_finite()) {
+        let (mut finite, mut farthest) = (true, 0.0f32);
+        for axis in 0..3 {
+            finite &= position[axis].is_finite()
+                & geometric_normal[axis].is_finite()
+                & shading_normal[axis].is_finite();
+            farthest = farthest.max(position[axis].abs());
+        }
+        if !finite {
             return None;
         }
-        let lift = LIFT * position.iter().fold(0.0, |m: f32, x| m.max(x.abs()));
-        let axes = [0, 1, 2];
-        let world = axes.map(|a| {
-            query.eye[a] + f64::from(position[a]) + f64::from(lift) * f64::from(geometric_normal[a])
-        });
+        let lift = f64::from(LIFT * farthest);
+        let (mut world, mut origin) = ([0.0; 3], [0.0; 3]);
+        for axis in 0..3 {
+            let lifted = lift * f64::from(geometric_normal[axis]);
+            world[axis] = query.eye[axis] + f64::from(position[axis]) + lifted;
+            origin[axis] = (world[axis] - query.scene.origin[axis]) as f32;
+        }
         Some(Lit {
-            origin: axes.map(|a| (world[a] - query.scene.origin[a]) as f32),
+            origin,
             world,
             geometric_normal,
             shading_normal,
@@ -163,18 +171,21 @@ impl Work for Visibility<'_, '_> {
         let mut pending = Pending::new();
         let mut samples = Samples::default();
         let pattern = query.pattern;
+        let count = if query.emitter.is_single() {
+            1
+        } else {
+            pattern.count
+        };
         visibility.fill(0.0); // what arrives, until the end
         for index in 0..points.positions.len() {
             weight[index] = 0.0;
             let Some(lit) = Lit::new(query, &points, index) else {
                 continue;
             };
+            if query.emitter.surely_misses(lit.world, lit.shading_normal) {
+                continue;
+            }
             let light = query.emitter.seen_from(lit.world);
-            let count = if query.emitter.is_single() {
-                1
-            } else {
-                pattern.count
-            };
             let turn = pattern.turn(hash(query.seed, [points.number(index), 0]));
             let (mut sent, mut arrived) = ([0.0; LANES], [0.0; LANES]);
             for batch in 0..pattern.batches() {
@@ -185,7 +196,7 @@ impl Work for Visibility<'_, '_> {
                     let in_count = batch * LANES + lane < count;
                     let w = if in_count { samples.weight[lane] } else { 0.0 };
                     sent[lane] += w;
-                    traced[lane] = (w > 0.0) & lit.leaves(samples.direction.map(|d| d[lane]));
+                    traced[lane] = (w > 0.0) & lit.leaves(samples.towards(lane));
                 }
                 let mut rays = 0;
                 for lane in 0..LANES {
@@ -208,8 +219,8 @@ impl Work for Visibility<'_, '_> {
                     pending.flush(vector, query, &mut scratch, visibility);
                 }
                 for lane in lanes_of(rays) {
-                    let direction = samples.direction.map(|d| d[lane]);
-                    let (origin, direction, distance) = lit.ray(direction, samples.distance[lane]);
+                    let (origin, direction, distance) =
+                        lit.ray(samples.towards(lane), samples.distance[lane]);
                     pending.packet.add(pending.used, origin, direction, distance);
                     pending.point[pending.used] = index;
                     pending.weight[pending.used] = samples.weight[lane];
@@ -286,7 +297,7 @@ impl Work for Screen<'_, '_> {
                             sum += samples.weight[lane];
                         }
                         sums[candidate] = sum;
-                        directions[candidate] = samples.direction.map(|d| d[lane]);
+                        directions[candidate] = samples.towards(lane);
                         distances[candidate] = samples.distance[lane];
                     }
                 }

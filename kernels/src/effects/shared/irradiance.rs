@@ -3,7 +3,6 @@
 use crate::cancel::CancelFlag;
 use crate::emitter::{Emitter, EmitterKind, Samples, on_disk};
 use crate::simd::{LANES, Lanes, Simd, Work, dispatch};
-use crate::vector::{dot, length};
 use numpy::{
     IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray3, PyUntypedArrayMethods,
 };
@@ -46,7 +45,7 @@ impl Work for Chunk<'_> {
             }
             let at = |axis: usize| self.eye[axis] + f64::from(position[axis]);
             let world = [at(0), at(1), at(2)];
-            if gets_none(self.emitter, world, normal) {
+            if self.emitter.surely_misses(world, normal) {
                 continue;
             }
             if is_far {
@@ -59,29 +58,6 @@ impl Work for Chunk<'_> {
             *result = samples.weight[..count].iter().sum::<f32>() / count as f32;
         }
     }
-}
-
-/// Whether a point with a normal of length 1 surely gets no light, because all of the light is below its horizon,
-/// or the point behind the light's plane or outside its cone: by so much that every sample's weight is 0, whatever
-/// it is rounded to.
-#[inline(always)]
-fn gets_none(emitter: &Emitter, point: [f64; 3], normal: [f32; 3]) -> bool {
-    let (c, f) = (emitter.centre, emitter.forward);
-    let (towards, reach) = match emitter.kind {
-        EmitterKind::DistantDisk => ([-f[0], -f[1], -f[2]], emitter.half_width),
-        _ => (
-            [c[0] - point[0], c[1] - point[1], c[2] - point[2]],
-            (emitter.half_width * emitter.half_width + emitter.half_height * emitter.half_height).sqrt(),
-        ),
-    };
-    let distance = length(towards);
-    let guard = 1e-3 * (distance + reach);
-    let behind = dot(f, towards);
-    let normal = [f64::from(normal[0]), f64::from(normal[1]), f64::from(normal[2])];
-    let is_plane = matches!(emitter.kind, EmitterKind::Rectangle | EmitterKind::Ellipse);
-    dot(normal, towards) < -(reach + guard)
-        || (is_plane && behind > guard)
-        || 2.0 * reach + guard - behind < emitter.cos_cone * distance
 }
 
 /// Unshadowed irradiance of points (h, w, 3) f32 relative to `eye` with shading normals (h, w, 3), per unit of
