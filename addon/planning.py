@@ -153,13 +153,16 @@ def _record_probed(recorder: Recorder, outline: Outline) -> None:
         surface(recorder, outline)
 
 
+def passes_of(options: Options) -> tuple[int, ...]:
+    """How many samples a pixel may have; empty where there is nothing to choose."""
+    if options.samples_of:
+        return passes_up_to(max(options.samples_of.values()))
+    return passes_up_to(options.samples) if options.target_error else ()
+
+
 def sampling_of(graph: Graph, options: Options) -> Sampling:
     shot = graph.shot
-    passes = ()
-    if options.samples_of:
-        passes = passes_up_to(max(options.samples_of.values()))
-    elif options.target_error and shot.has_eye:
-        passes = passes_up_to(options.samples)
+    passes = passes_of(options) if shot.has_eye else ()
     samples = passes[-1] if passes else options.samples
     sampling = Sampling(*shot.computed_size, samples, shot.pixel_filter, passes=passes)
     return fitted(sampling, graph.nodes())

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import suppress
+from dataclasses import replace
 
 import bpy
 import numpy as np
+from bpy.app.handlers import persistent, render_init
 
 from .. import preview
 from ..bake import Baked, BakeJob, read_depsgraph
@@ -14,6 +16,7 @@ from ..core.errors import Cancelled, one_line, told_once
 from ..core.naming import ENGINE_ID
 from ..devices.start import Devices, start_devices
 from ..layers.exr import layer_attributes, to_json
+from ..measure.target import samples_in
 from ..scene.exact.reading import Exact
 from ..ui.properties import options_of
 from ..ui.registration import Classes
@@ -22,6 +25,9 @@ from . import compatible_panels, handover, material_preview, passes, sockets
 from .handover import NotServed, runner_of
 from .passes import COMBINED, PassImage
 
+_chosen: dict[tuple[int, str], dict[str, int]] = {}
+"""Samples by layer, that the first frame of a render chose for a target error, by scene and view layer: all
+frames of an animation have them, or their noise would flicker."""
 POLL_SECONDS = 0.05  # between two looks whether the user cancelled
 
 
@@ -92,17 +98,22 @@ class StrataRenderEngine(bpy.types.RenderEngine):
         self.update_stats("", "Strata: Reading the scene")
         # Passes are known before there is a plan, and none is of an error.
         options = options_of(depsgraph.scene_eval, composite=True, error_images=False)
+        key = depsgraph.scene.session_uid, depsgraph.view_layer.name
+        options = replace(options, samples_of=_chosen.get(key, {}))
         # To bake inside of a render ends an animation with a segmentation fault (Blender 5.2).
         *read, seconds = read_depsgraph(depsgraph, options, exact=Exact(can_bake=False))
         devices = start_devices(options.backend)
         try:
             job = BakeJob(*read, options, devices, seconds)
-            return job, self._baked(job, depsgraph)
+            baked = self._baked(job, depsgraph)
         except NotServed as reason:
             self.report({"WARNING"}, f"Rendered on the CPU: {reason}")
             devices = Devices(devices.fallback, devices.fallback, str(reason))
             job = BakeJob(*read, options, devices, seconds)
-            return job, self._baked(job, depsgraph)
+            baked = self._baked(job, depsgraph)
+        if chosen := samples_in(baked.layers.report):
+            _chosen.setdefault(key, chosen)
+        return job, baked
 
     def _baked(self, job: BakeJob, depsgraph) -> Baked:
         """Shows in a window what is there so far. Raises NotServed where the job is the GPU's, and this
@@ -156,12 +167,20 @@ class StrataRenderEngine(bpy.types.RenderEngine):
                 header.stamp_data_add_field(f"{name}.{layer_name}.{layer.name}", str(value))
 
 
+@persistent
+def _forget_chosen(*_scene) -> None:
+    """A render begins: of one frame, or of all of an animation's."""
+    _chosen.clear()
+
+
 _classes = Classes(StrataRenderEngine)
 
 
 def register() -> None:
     _classes.register()
     handover.register()
+    if _forget_chosen not in render_init:
+        render_init.append(_forget_chosen)
     compatible_panels.register()
     sockets.register()
 
@@ -170,4 +189,6 @@ def unregister() -> None:
     sockets.unregister()
     compatible_panels.unregister()
     handover.unregister()
+    if _forget_chosen in render_init:
+        render_init.remove(_forget_chosen)
     _classes.unregister()

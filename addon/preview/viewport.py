@@ -17,7 +17,7 @@ from ..core.graph import Graph, PlannedLayer, Rate
 from ..core.reach import fitted
 from ..core.sampling import Sampling
 from ..core.surface import Chunk
-from ..planning import Options
+from ..planning import Options, passes_of
 from ..scene.viewport import Placement
 from . import noise_map
 from .budget import Budget
@@ -252,6 +252,7 @@ class Viewport:
             graph.shot.pixel_filter,
             tile_pixels=TILE_PIXELS,
             is_progressive=True,
+            passes=passes_of(options),
         )
         sampling = fitted(sampling, graph.nodes())
         executor, epoch, execution = session.executor, next(_epochs), Execution()
@@ -264,7 +265,8 @@ class Viewport:
                 executor.collect(take, chunk)
             samples = chunk.sample + 1
             # Blender's redraws cost as much as a sample: only for what can be seen to differ.
-            is_worth = samples == options.samples or samples & (samples - 1) == 0
+            of_samples = chunk.samples  # all, or those after this pass
+            is_worth = samples == of_samples or samples & (samples - 1) == 0
             is_worth = is_worth or time.perf_counter() - shown > LONGEST_SECONDS_BETWEEN
             is_late = 0.0 < longest_s < time.perf_counter() - started
             if chunk.y1 == sampling.height and (is_worth or is_late):
@@ -274,13 +276,16 @@ class Viewport:
                 film = execution.films.get(layer.name)
                 has_spread = samples > 1 and film is not None and film.reduce == Reduce.MEAN
                 picture = Picture(execution.image(layer.name), place, _is_colour(layer))
-                self._put(picture, (film, samples, options.samples) if has_spread else None)
+                self._put(picture, (film, samples, of_samples) if has_spread else None)
                 self._count(execution, started)
                 self.statistics.has_spread = has_spread
                 self.statistics.samples, self.statistics.of_samples = samples, options.samples
-                self.statistics.noise = _noise(film, samples, options.samples)
-                self.statistics.is_converged = samples == options.samples
-                if is_late and samples < options.samples:
+                self.statistics.noise = noise = _noise(film, samples, of_samples)
+                is_enough = samples == of_samples and noise is not None and noise <= options.target_error
+                self.statistics.is_converged = is_enough or samples == options.samples
+                if self.statistics.is_converged:
+                    break
+                if is_late:
                     self.statistics.is_out_of_time = True
                     break
             yield

@@ -25,7 +25,7 @@ from .state import STATE, PlanRow
 
 LETTER_PIXELS = 7.2  # of the interface's font at scale 1, on average
 COMPOSITE = "Composite"
-_BAKED = ("backend", "samples", "weight", "rgb_layers", "read", "read_texels")
+_BAKED = ("backend", "target_error", "samples", "weight", "rgb_layers", "read", "read_texels")
 _MEASURED = ("probes", "error_images", "audit")
 _LIGHT_ICONS = {"POINT": "LIGHT_POINT", "SUN": "LIGHT_SUN", "SPOT": "LIGHT_SPOT", "AREA": "LIGHT_AREA"}
 
@@ -118,7 +118,7 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
             continue
         row = column.row()
         row.active = name != "error_images" or settings.probes > 0
-        row.prop(settings, name)
+        row.prop(settings, "most_samples" if name == "samples" and settings.target_error else name)
     column.separator()
     column.prop(settings, "save_to")
     if settings.save_to != "IMAGES":

@@ -16,6 +16,7 @@ from strata.scripts.bench import (
     intervals,
     plates,
     reading,
+    targets,
     toon_errors,
     units,
 )
@@ -170,6 +171,7 @@ def random_scenes(quick: bool) -> str:
 
 SECTIONS = {
     "intervals": random_scenes,
+    "targets": targets.section,
     "courtyard": courtyard,
     "plates": closed_forms,
     "close": close,

@@ -101,6 +101,27 @@ def test_animation_writes_the_bakes_layers_bit_for_bit(scene, tmp_path):
     assert moved, "the frames do not differ"
 
 
+def test_all_frames_have_what_the_first_chose(scene, tmp_path):
+    """Or their noise would flicker. Another render chooses anew."""
+    scene.frame_start, scene.frame_end, scene.frame_step = 1, 13, 12
+    scene.strata.target_error = 0.004
+    write_multilayer(scene, tmp_path / "render_####.exr")
+    bpy.ops.render.render(animation=True)
+    chosen = [samples_in(tmp_path / f"render_{n:04d}.exr") for n in (1, 13)]
+    assert chosen[0] == chosen[1]
+    assert max(chosen[0].values()) > 4
+    scene.strata.target_error = 0.1
+    write_multilayer(scene, tmp_path / "again.exr")
+    bpy.ops.render.render(write_still=True)
+    assert set(samples_in(tmp_path / "again.exr").values()) == {4.0}
+
+
+def samples_in(path) -> dict[str, float]:
+    """Of the layers of a render's file."""
+    header = OpenEXR.File(str(path), header_only=True).header()
+    return {name: float(value) for name, value in header.items() if name.startswith("strata:samples.")}
+
+
 @pytest.mark.parametrize("crop", [False, True])
 def test_render_region_is_where_the_bake_has_it(scene, tmp_path, crop):
     render = scene.render

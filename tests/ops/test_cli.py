@@ -11,6 +11,7 @@ import sys
 from argparse import ArgumentTypeError
 
 import bpy
+import numpy as np
 import pytest
 from strata.addon.core.errors import StrataError
 from strata.addon.effects.registry import EFFECTS
@@ -257,6 +258,26 @@ def test_frames_each_have_their_file(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["f_01.exr", "f_03.exr"]
     assert (result.stdout, result.stderr) == ("", "")
     assert [read_layers(tmp_path / f"f_0{n}.exr").report["frame"] for n in (1, 3)] == [1, 3]
+
+
+def test_frames_have_what_the_first_chose_and_so_may_others(tmp_path):
+    """Or their noise would flicker; what was chosen is taken again from a file or a report."""
+    words = ("--quiet", "--size", "96x54", "--backend", "cpu", "--effects", "soft_shadow", "--probes", "0")
+    blend, report = SAMPLES / "animated.blend", tmp_path / "f_##.json"
+    aimed = ("--frames", "1,12", "--target-error", ".003", "--report", report)
+    strata("bake", blend, "-o", tmp_path / "f_##.exr", *aimed, *words)
+    first, last = (json.loads((tmp_path / f"f_{n}.json").read_text()) for n in ("01", "12"))
+    chosen = [[layer["samples"] for layer in told["layers"]] for told in (first, last)]
+    assert chosen[0] == chosen[1]
+    assert max(chosen[0]) > 4
+    assert first["layers"][0]["target"]["error"] == 0.003
+    for source in ("f_01.exr", "f_01.json"):
+        again = ("--frames", "12", "--settings-from", tmp_path / source)
+        strata("bake", blend, "-o", tmp_path / "again.exr", *again, *words)
+        pairs = [read_layers(tmp_path / name).layers for name in ("f_12.exr", "again.exr")]
+        assert all(np.array_equal(a.pixels, b.pixels) for a, b in zip(*pairs, strict=True))
+    nowhere = ("--settings-from", "nowhere.exr")
+    assert "cannot read" in strata("bake", blend, "-o", tmp_path / "x.exr", *nowhere, check=2).stderr
 
 
 def test_the_scene_keeps_its_own_choices(tmp_path):

@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from strata.addon.bake import bake
+from strata.addon.core.sampling import passes_up_to
 from strata.addon.planning import Options
 from strata.addon.preview import caption, session
 from strata.addon.preview.budget import Budget
@@ -123,6 +124,21 @@ def test_refining_stops_at_its_time_limit_after_a_whole_sample():
     assert watched.viewport.statistics.is_converged
     assert not watched.viewport.statistics.is_out_of_time
     assert np.abs(watched.viewport.picture.pixels - first).max() > 0.0
+
+
+def test_refining_ends_once_the_noise_is_at_the_target():
+    """After a pass, and with fewer samples where more noise will do."""
+    counts = []
+    for target in (0.2, 0.01):
+        watched = two_lights("cpu", samples=64, target_error=target)
+        watched.draw()
+        watched.settle()
+        told = watched.viewport.statistics
+        assert told.is_converged
+        assert told.noise <= target or told.samples == 64
+        counts.append(told.samples)
+    assert counts[0] < counts[1]
+    assert set(counts) <= set(passes_up_to(64)) | {1, 2}
 
 
 @pytest.fixture
