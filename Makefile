@@ -29,15 +29,18 @@ $(VENV)/.kernels: $(VENV)/.packages pyproject.toml kernels/Cargo.toml kernels/Ca
 demo: setup
 	$(PYTHON) -m strata.scripts.demo
 
-test: setup
-	$(PYTHON) -m pytest
+# Two files of tests at a time: much of a test is one thread's work.
+PYTEST := $(PYTHON) -m pytest --numprocesses 2 --dist loadfile
 
-# The same in parts, as CI runs it.
+test: setup
+	$(PYTEST)
+
+# The same in parts, as CI runs it; in a window one by one, since a person waits there.
 test-unit: setup
-	$(PYTHON) -m pytest $(addprefix tests/,core kernels measure scene layers audit ui preview ops scripts)
+	$(PYTEST) $(addprefix tests/,core kernels measure scene layers audit ui preview ops scripts)
 
 test-devices: setup
-	$(PYTHON) -m pytest $(addprefix tests/,devices effects bake engine)
+	$(PYTEST) $(addprefix tests/,devices effects bake engine)
 
 test-window: setup
 	$(PYTHON) -m pytest $(addprefix tests/,cycles window)

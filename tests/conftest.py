@@ -11,6 +11,9 @@ import pytest
 from strata.tests.support.places import ROOT
 
 os.environ.setdefault("STRATA_CACHE", "")  # nothing of a test is kept in the user's
+if worker := os.environ.get("PYTEST_XDIST_WORKER"):
+    # Mesa maps its cache of shaders into memory: another process that trims it ends this one with SIGBUS.
+    os.environ["MESA_SHADER_CACHE_DIR"] = str(ROOT / "out" / "shaders" / worker)
 
 
 @pytest.fixture(params=["cpu", "gpu"])
