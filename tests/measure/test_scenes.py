@@ -23,7 +23,7 @@ from strata.tests.measure.scenes import lamp, random_scene, shot_of
 
 SCENES = 50
 PROBES = 256
-VIEWS = 256  # of each half, through every pixel; the halves' product is free of their noise
+VIEWS = 96  # of each half, through every pixel; the halves' product is free of their noise
 
 # What scenes are baked with, in turn: bad settings too.
 SETTINGS = [
