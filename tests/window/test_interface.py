@@ -29,6 +29,8 @@ MOST_COLOURS_APART = 0.01
 # View transforms with edges and kinks between the levels at which the preview's table holds them: their
 # squares agree on average. The rendered viewport is transformed by Blender itself.
 STEEP = ("False Color", "Khronos PBR Neutral")
+# A render on the CPU never calls what the window is drawn with.
+SESSIONS_OF_RENDERS = [("opengl", "cpu"), ("opengl", "gpu"), ("vulkan", "gpu")]
 
 
 def shown_and_baked(photograph: Path, file: Path, frame) -> tuple[np.ndarray, np.ndarray]:
@@ -193,7 +195,6 @@ if "BLENDER" in os.environ:
 
     test_colours = pytest.mark.parametrize("backend", ["opengl", "vulkan"])(check_colours)
 
-    # A render on the CPU never calls what the window is drawn with.
-    @pytest.mark.parametrize("backend, device", [("opengl", "cpu"), ("opengl", "gpu"), ("vulkan", "gpu")])
+    @pytest.mark.parametrize(("backend", "device"), SESSIONS_OF_RENDERS)
     def test_renders(backend, device, archive, display, tmp_path):
         check_renders(backend, device, archive, display, tmp_path)
