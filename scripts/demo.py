@@ -17,9 +17,9 @@ from strata.ops.terminal import Progress
 from strata.scripts.pictures.contact_sheet import save_contact_sheet
 
 ROOT = Path(__file__).resolve().parents[1]
-# Leaves, railings and stone gaps are smaller than a map's texels, so rays look where the map is unsure.
-# A pixel is the mean of eight surfaces, each with its own rays.
-SETTINGS = {"soft_shadow": {"method": "hybrid", "rays": 32}}
+# Leaves, railings and stone gaps are smaller than a map's texels. A pixel is the mean of eight surfaces, each
+# with a few rays, which together are spread over each lamp.
+SETTINGS = {"soft_shadow": {"method": "rays"}}
 
 
 def main() -> None:

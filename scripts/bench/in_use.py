@@ -29,6 +29,7 @@ HYBRID = {"values": {"soft_shadow": {"method": "hybrid"}}}
 BAKES = {
     ("default (bitmask)", 8): {},
     ("hybrid", 8): HYBRID,
+    ("rays", 8): {"values": {"soft_shadow": {"method": "rays"}}},
 }
 """What `Options` takes beside samples, by a name and the samples a pixel."""
 OF_COURTYARD = {

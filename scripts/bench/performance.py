@@ -20,6 +20,7 @@ from strata.scripts.bench import (
     measuring,
     passes,
     race,
+    samples,
     scenes,
     toon,
     volumetric,
@@ -53,6 +54,11 @@ def run_passes(folder: Path, quick: bool) -> str:
     )
     counted = passes.works(case, surface, weight)
     return passes.tables(case, seconds["effect"], counted, machine.measure_limits(), remark)
+
+
+def run_samples(folder: Path, quick: bool) -> str:
+    """Errors and time of whole bakes by method."""
+    return samples.run(quick)
 
 
 def run_goals(folder: Path, quick: bool) -> str:
@@ -108,6 +114,7 @@ LONG = ("sixty_lamps",)
 
 SECTIONS = {
     "race": run_race,
+    "samples": run_samples,
     "passes": run_passes,
     "goals": run_goals,
     "idle": run_idle,

@@ -351,13 +351,13 @@ def test_the_picture_is_the_bake_again_after_edits(backend):
     assert np.array_equal(watched.viewport.picture.pixels, expected.composite)
 
 
-def test_rays_are_the_bakes_whatever_the_tiles(backend, monkeypatch):
+@pytest.mark.parametrize("method", ["hybrid", "rays"])
+def test_rays_are_the_bakes_whatever_the_tiles(backend, method, monkeypatch):
     """The bake has one tile here."""
     monkeypatch.setattr("strata.addon.preview.viewport.TILE_PIXELS", 48 * SIZE[0])
     watched = two_lights(backend, samples=2)
-    watched.options = replace(
-        watched.options, values={"soft_shadow": {"method": "hybrid", "rays": 4, "resolution": 128}}
-    )
+    values = {"method": method, "rays": 4, "resolution": 128}
+    watched.options = replace(watched.options, values={"soft_shadow": values})
     watched.draw()
     watched.settle()
     expected = bake(watched.scene, watched.view_layer, watched.options, size=SIZE)
