@@ -28,7 +28,7 @@ from .core.surface import Chunk
 from .devices.start import Devices, start_devices
 from .effects.shared.coarse_picture import take_coarse_picture
 from .effects.shared.steps import ray_accelerator
-from .measure.budget import MeasuringOutlook
+from .measure.budget import SHARE, MeasuringOutlook
 from .measure.kept_samples import pixels_to_keep
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from .scene.exact.reading import Exact
 
 SHOWING_SECONDS = 0.05  # between two looks at how long it still takes
+BAKING_SHARE = 1.0 - SHARE  # of a time budget; measuring has the rest
 FIRST_TOLD_SHARE = 0.02  # done of a bake before anything is said of what is left
 
 
@@ -177,7 +178,7 @@ class BakeJob:
         shortage = [self.memory.shortage] if self.memory.shortage else []
         cancelled = (*self.devices.primary.cancelled, *self.devices.fallback.cancelled)
         self._measuring = None
-        if (options.probes != 0 or sampling.passes) and graph.shot.has_eye:  # probes lie along view rays
+        if (options.probes != 0 or options.target_error) and graph.shot.has_eye:  # probes lie along view rays
             measurement = Measurement(options.probes, options.seed, cancelled)
             tree = ray_accelerator(outline, graph.shot)
             outlook = MeasuringOutlook(graph, outline, tree, options.probes)
@@ -191,7 +192,16 @@ class BakeJob:
         def learnt() -> None:
             self._forecasts[0] = self._forecast(graph, groups, execution, passes)
 
-        passes = Passes(executor, self._measuring, options.target_error, options.samples_of, learnt)
+        ends_at = began + (BAKING_SHARE if options.probes != 0 else 1.0) * options.time_budget_s
+        passes = Passes(
+            executor,
+            self._measuring,
+            options.target_error,
+            options.samples_of,
+            learnt,
+            ends_at if options.time_budget_s else 0.0,
+            len(groups),
+        )
         errors: dict[str, LayerError | NotMeasured] = {}
         for count, group in enumerate(groups, start=1):
             self.stage = "Baking"
@@ -227,6 +237,7 @@ class BakeJob:
             chosen_samples=passes.chosen,
             watching_seconds=self._measuring.watching_seconds if self._measuring else {},
             target_error=options.target_error,
+            time_budget_s=options.time_budget_s,
             error_images=self._measuring.images if self._measuring else {},
             sequence=self.sequence,
             missing=missing,

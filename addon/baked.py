@@ -54,6 +54,7 @@ def put_together(
     has_picture: bool,
     chosen_samples: Mapping[str, Chosen],
     target_error: float,
+    time_budget_s: float,
     watching_seconds: Mapping[str, float],
     error_images: dict[str, ErrorImage],
 ) -> Baked:
@@ -129,6 +130,7 @@ def put_together(
         samples=samples,
         chosen_samples=chosen_samples,
         target_error=target_error,
+        time_budget_s=time_budget_s,
     )
     width, height = shot.size
     raster = shot.source

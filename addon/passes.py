@@ -6,7 +6,8 @@ other rays, than those that its reported error comes from: one that was low by c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+import time
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -34,7 +35,9 @@ FEWEST_TO_BE_STUCK = 16
 class Passes:
     """Of one shot's groups, one after the other. `measuring` has the rays that tell how far layers are from
     `target`; where it is known how many samples each layer gets, by its name, nobody looks: the others get
-    the most of them. `chosen`: what was chosen so far; `learnt` is called when more is known of that."""
+    the most of them. `chosen`: what was chosen so far; `learnt` is called when more is known of that. Where
+    there is a moment that all `groups` should have ended at (`ends_at`, of time.perf_counter, 0: none), no
+    pass begins that would go beyond it."""
 
     def __init__(
         self,
@@ -43,9 +46,13 @@ class Passes:
         target: float,
         samples_of: Mapping[str, int],
         learnt: Callable[[], None] = lambda: None,
+        ends_at: float = 0.0,
+        groups: int = 1,
     ):
         self._executor, self._measuring, self._target = executor, measuring, target
         self._samples_of, self._learnt = samples_of, learnt
+        self._ends_at, self._groups_left = 0.0 if samples_of else ends_at, groups
+        self._is_aiming = target > 0.0 and not samples_of
         self._expected: dict[str, float] = {}
         self.chosen: dict[str, Chosen] = {}
 
@@ -53,17 +60,20 @@ class Passes:
         self, group: Graph, sampling: Sampling, execution: Execution, sampled: Callable[[Chunk], None]
     ) -> Generator[None]:
         """Makes the group's layers; yields between slices of work."""
-        executor, measured = (
-            self._executor,
-            [] if self._samples_of else list(filter(_is_measured, group.layers)),
-        )
+        executor, going_on = self._executor, list(group.layers)
+        measured = [layer for layer in group.layers if _is_measured(layer) and self._is_aiming]
         looked = {layer.name: _Looked(self._measuring, layer, self._target) for layer in measured}
-        going_on = list(group.layers)
+        tiles = sampling.chunk_count // sampling.samples
+        now = time.perf_counter()
+        ends_at = self._ends_at and now + (self._ends_at - now) / max(self._groups_left, 1)
+        self._groups_left -= 1
         for first, samples in pairwise((0, *sampling.passes)):
-            part, own = (
-                replace(group, layers=tuple(going_on)),
-                replace(sampling, first=first, samples=samples),
-            )
+            part = replace(group, layers=tuple(going_on))
+            own = replace(sampling, first=first, samples=samples)
+            more = (samples - first) * tiles * _seconds_of_sample(part, execution)
+            if first and ends_at and time.perf_counter() + more > ends_at:
+                self._put_late(going_on, looked)
+                break
             for _ in executor.run(part, own, execution, sampled, finishes=False):
                 yield
             for layer in going_on:
@@ -88,12 +98,22 @@ class Passes:
         any what nobody looks at."""
         if self._samples_of:
             return [layer for layer in layers if samples < self._samples_of_layer(layer.name)]
+        if not self._is_aiming:
+            return layers
         open_ones = [layer for layer in layers if layer.name in looked and not looked[layer.name].is_done]
         if not open_ones and (looked or samples >= USUAL_SAMPLES):
             return []
         wanted = (layer for layer in layers if layer in open_ones or layer.name not in looked)
         made = set(replace(group, layers=tuple(wanted)).nodes())
         return [layer for layer in layers if layer.node in made]
+
+    def _put_late(self, layers: Iterable[PlannedLayer], looked: dict[str, _Looked]) -> None:
+        """There was no time for more samples of these."""
+        for layer in layers:
+            chosen = self.chosen[layer.name]
+            if layer.name not in looked or not looked[layer.name].is_done:
+                target = chosen.target and replace(chosen.target, is_late=True)
+                self.chosen[layer.name] = replace(chosen, target=target)
 
     def _samples_of_layer(self, name: str) -> int:
         return self._samples_of.get(name, max(self._samples_of.values()))
@@ -164,6 +184,13 @@ class _Looked:
 
     def _told(self, is_stuck: bool) -> Target | None:
         return None if self._error is None else Target(self._target, self._error, is_stuck)
+
+
+def _seconds_of_sample(graph: Graph, execution: Execution) -> float:
+    """What a sample of a tile takes, as far as it has been seen."""
+    nodes = {node.key for node in graph.nodes() if node.rate == Rate.SAMPLE}
+    taken = (each for each in execution.timings.values() if each.node.key in nodes)
+    return sum(timing.seconds / max(timing.runs, 1) for timing in taken)
 
 
 def _is_measured(layer: PlannedLayer) -> bool:

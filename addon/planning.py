@@ -28,8 +28,9 @@ from .effects.shared.steps import surface
 @dataclass(frozen=True)
 class Options:
     """How to bake. `effects`: ids, None for those on by default; `values`: parameter values by effect id and
-    name; `samples` jittered surfaces a pixel, at most where there is a `target_error`: then each layer gets
-    as many as bring its error (docs/accuracy.md) down to that, 0: there is none; `samples_of`: how many each
+    name; `samples` jittered surfaces a pixel, at most where there is a `target_error` or a time budget: with
+    a target each layer gets as many as bring its error (docs/accuracy.md) down to that, 0: there is none;
+    `time_budget_s`: all get as many as there is time for, 0: it may take any; `samples_of`: how many each
     layer gets, by its name, where that was chosen before; `probes` points to measure the error at, 0 for
     none, None for at most 2048 and so few that measuring takes 15% of the bake; `lights`: names of the lamps
     whose layers are wanted, None for all layers; `lit` also makes each light's unshadowed image, and
@@ -61,6 +62,7 @@ class Options:
     registry: Registry = EFFECTS
     target_error: float = 0.0
     samples_of: Mapping[str, int] = field(default_factory=dict)
+    time_budget_s: float = 0.0
 
     def __post_init__(self):
         if self.memory_bytes < 0:
@@ -75,6 +77,8 @@ class Options:
             raise StrataError(f"samples: {self.samples} is less than 1")
         if not 0.0 <= self.target_error < 1.0:
             raise StrataError(f"target error: {self.target_error:g} is not between 0 and 1")
+        if self.time_budget_s < 0.0:
+            raise StrataError(f"time budget: {self.time_budget_s:g} s is less than 0")
         if any(samples < 1 for samples in self.samples_of.values()):
             raise StrataError("samples of layers: less than 1")
         if self.probes is not None and self.probes < 0:
@@ -157,7 +161,8 @@ def passes_of(options: Options) -> tuple[int, ...]:
     """How many samples a pixel may have; empty where there is nothing to choose."""
     if options.samples_of:
         return passes_up_to(max(options.samples_of.values()))
-    return passes_up_to(options.samples) if options.target_error else ()
+    has_choice = options.target_error or options.time_budget_s
+    return passes_up_to(options.samples) if has_choice else ()
 
 
 def sampling_of(graph: Graph, options: Options) -> Sampling:

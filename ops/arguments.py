@@ -72,6 +72,13 @@ def share(text: str) -> float:
     return float(text)
 
 
+def seconds(text: str) -> float:
+    """`10`, `1.5`."""
+    if not re.fullmatch(r"\d{1,6}(\.\d{1,6})?", text.strip()):
+        raise argparse.ArgumentTypeError(f"'{text}' is no time in seconds like 10")
+    return float(text)
+
+
 def memory(text: str) -> int:
     """`4G`, `512M`, `1.5G` in bytes; `0` for automatic."""
     match = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)([KMGT])B?|0", text.strip(), re.IGNORECASE)
@@ -133,6 +140,9 @@ def build_parser(needs_scene: bool) -> Parser:
     bake.add_argument("--target-error", type=share, metavar=".02",
                       help="each layer gets as many samples as bring its error down to that, at most "
                       "--samples (default: the scene's; 0: none)")  # fmt: skip
+    bake.add_argument("--time-budget", type=seconds, dest="time_budget_s", metavar="10",
+                      help="as many samples as there is time for, in seconds a frame, at most --samples "
+                      "(default: the scene's; 0: any)")  # fmt: skip
     bake.add_argument("--settings-from", metavar="FILE",
                       help="as many samples for each layer as this EXR or report says")  # fmt: skip
     bake.add_argument("--weight", choices=[each.value for each in Weight],

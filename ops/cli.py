@@ -231,15 +231,15 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     from ..addon.ui.properties import exr_of, options_of
 
     plain = (
-        "effects", "backend", "samples", "target_error", "weight", "rgb_layers", "read", "read_texels",
-        "probes", "error_images", "seed",
+        "effects", "backend", "samples", "target_error", "time_budget_s", "weight", "rgb_layers", "read",
+        "read_texels", "probes", "error_images", "seed",
     )  # fmt: skip
     given = {name: getattr(arguments, name) for name in plain}
     given |= {"values": nested(arguments.set), "memory_bytes": arguments.memory}
     arguments.chosen = {}  # samples by layer, by view layer
     if arguments.settings_from:
         arguments.chosen, samples = settings_in(Path(arguments.settings_from))
-        given |= {"samples": samples, "target_error": 0.0}
+        given |= {"samples": samples, "target_error": 0.0, "time_budget_s": 0.0}
     # What can be wrong is found before a large file is opened, and long before the work is done.
     Options(**{name: value for name, value in given.items() if value is not None}).chosen()
     frames = arguments.frames or (0,)

@@ -186,6 +186,7 @@ class Report:
     memory: MemoryEstimate | None = None
     baked: tuple[str, ...] = ()
     target_error: float = 0.0
+    time_budget_s: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """Plain dicts, lists, strings and finite numbers."""
@@ -231,6 +232,7 @@ def report_of(
     samples: int = 0,
     chosen_samples: Mapping[str, Chosen] = MappingProxyType({}),
     target_error: float = 0.0,
+    time_budget_s: float = 0.0,
 ) -> Report:
     """Puts a bake's figures together. By layer name: `images`, `costs` (seconds, seconds alone), `errors` of
     the layers that were to be measured. `neutral` are layers
@@ -285,6 +287,8 @@ def report_of(
         warnings=tuple(dict.fromkeys(warnings)),
         memory=memory,
         baked=outline.baked,
+        target_error=target_error,
+        time_budget_s=time_budget_s,
     )
 
 

@@ -12,11 +12,12 @@ from .verdict import percent
 @dataclass(frozen=True)
 class Target:
     """`error`: what it was to be, root mean square; `seen`: what it is by the pixels that decided (watch.py);
-    `is_stuck`: more samples no longer lowered it."""
+    `is_stuck`: more samples no longer lowered it; `is_late`: there was no time for more of them."""
 
     error: float
     seen: float
     is_stuck: bool = False
+    is_late: bool = False
 
     @property
     def reached(self) -> bool:
@@ -47,6 +48,8 @@ def told(chosen: Chosen, method: float | None, advice: str) -> str:
         return f"{off}the method cannot go below {percent(min(method, target.seen))}{lower}"
     if target.is_stuck:
         return f"{off}more samples than {chosen.samples} do not lower it{lower}"
+    if target.is_late:
+        return f"{off}there was no time for more than {chosen.samples} samples"
     return f"{off}{chosen.samples} samples are the most, and not enough"
 
 

@@ -25,7 +25,8 @@ from .state import STATE, PlanRow
 
 LETTER_PIXELS = 7.2  # of the interface's font at scale 1, on average
 COMPOSITE = "Composite"
-_BAKED = ("backend", "target_error", "samples", "weight", "rgb_layers", "read", "read_texels")
+_CHOOSES = ("target_error", "time_budget_s")
+_BAKED = ("backend", *_CHOOSES, "samples", "weight", "rgb_layers", "read", "read_texels")
 _MEASURED = ("probes", "error_images", "audit")
 _LIGHT_ICONS = {"POINT": "LIGHT_POINT", "SUN": "LIGHT_SUN", "SPOT": "LIGHT_SPOT", "AREA": "LIGHT_AREA"}
 
@@ -113,12 +114,13 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
     settings = context.scene.strata
     column = layout.column()
     column.active = not STATE.is_baking
+    chooses = any(getattr(settings, name) for name in _CHOOSES)
     for name in (*_BAKED, *_MEASURED, "memory_gb"):
         if name == "read_texels" and settings.read != Read.EXACT.value:
             continue
         row = column.row()
         row.active = name != "error_images" or settings.probes > 0
-        row.prop(settings, "most_samples" if name == "samples" and settings.target_error else name)
+        row.prop(settings, "most_samples" if name == "samples" and chooses else name)
     column.separator()
     column.prop(settings, "save_to")
     if settings.save_to != "IMAGES":

@@ -47,13 +47,16 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
     }
     for effect_id, given in (overrides.pop("values", None) or {}).items():
         values[effect_id] = values.get(effect_id, {}) | given
-    target_error = overrides.get("target_error")
-    target_error = settings.target_error if target_error is None else target_error
+    target_error, budget_s = (
+        getattr(settings, name) if overrides.get(name) is None else overrides[name]
+        for name in ("target_error", "time_budget_s")
+    )
     options = {
         "effects": tuple(effect.id for effect in EFFECTS if getattr(settings, effect.id).enabled),
         "backend": preferences.backend_of(settings),
-        "samples": settings.most_samples if target_error else settings.samples,
+        "samples": settings.most_samples if target_error or budget_s else settings.samples,
         "target_error": target_error,
+        "time_budget_s": budget_s,
         "weight": settings.weight,
         "rgb_layers": settings.rgb_layers,
         "read": settings.read,
@@ -219,6 +222,12 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
             description="Each layer gets as many samples as bring its error down to this share of the "
             "brightness. 0: all get as many samples as are set",
             default=0.0, min=0.0, max=0.99, soft_max=0.1, step=1, precision=3,
+        ),
+        "time_budget_s": bpy.props.FloatProperty(
+            name="Time Budget (s)",
+            description="As many samples as there is time for in one bake, measuring included. What it gets "
+            "hangs on the machine. 0: it may take any time",
+            default=0.0, min=0.0, max=1e6, soft_max=600.0, precision=1,
         ),
         "most_samples": bpy.props.IntProperty(
             name="Most Samples",

@@ -125,6 +125,22 @@ def test_most_samples_are_told():
     assert all("6 samples are the most" in layer.target_words for layer in baked.report.layers)
 
 
+def test_a_budget_ends_a_bake_between_two_passes():
+    """The first pass is made whatever it takes, and what was made can be made again."""
+    counts = []
+    for budget in (1e-3, 1e6):
+        baked = bake(target_error=0.0, time_budget_s=budget)
+        counts += set(samples_of(baked).values())
+        assert baked.report.time_budget_s == budget
+        again = bake(target_error=0.0, samples_of=samples_of(baked))
+        assert all(np.array_equal(*pair) for pair in zip(pixels_of(baked), pixels_of(again), strict=True))
+    assert counts == [4, 64]
+    late = bake(target_error=0.002, time_budget_s=1e-3)
+    assert all(
+        "there was no time for more than 4 samples" in each.target_words for each in late.report.layers
+    )
+
+
 def test_a_bake_without_a_target_has_the_samples_it_was_told():
     plain = bake(target_error=0.0, samples=3)
     assert set(samples_of(plain).values()) == {3}
