@@ -86,14 +86,14 @@ class Measuring:
             execution.samples_of.pop(layer.name, None)
         return errors
 
-    def watch(self, layer: PlannedLayer) -> Generator[None, None, Watch | float | NotMeasured]:
+    def watch(self, layer: PlannedLayer, samples: int) -> Generator[None, None, Watch | float | NotMeasured]:
         """Pixels that tell how far the layer is from the truth while it gets more samples; of one whose score
         watches none, how far it is now, root mean square."""
         if self._rays is None:
             self._rays = yield from self.measurement.guarded(self._started_rays())
         if isinstance(self._rays, NotMeasured):
             return self._rays
-        work = self.measurement.guarded(self.measurement.watch(self._probed(layer)))
+        work = self.measurement.guarded(self.measurement.watch(self._probed(layer), samples))
         watch, seconds = yield from timed(unless_cancelled(work, self._executor.fallback.cancel_flag))
         self.watching_seconds[layer.name] = self.watching_seconds.get(layer.name, 0.0) + seconds
         return watch

@@ -158,7 +158,7 @@ class _Looked:
             is_stuck = False
         # What was likely to be wrong with few samples is not with many.
         if not is_stuck and is_doubled:
-            found = yield from self._measuring.watch(self._layer)
+            found = yield from self._measuring.watch(self._layer, samples)
             if isinstance(found, NotMeasured):
                 self.is_done = True
                 return Chosen(samples)

@@ -24,8 +24,8 @@ class Score(Protocol):
         """A LayerError (measure/report.py), from about `probes` pixels of a layer (`Probed` in
         measure/footprint.py). Yields between slices of some hundredths of a second."""
 
-    # A score may also have `watch(probed, probes, seed)`, a generator of a Watch (measure/watch.py) of about
-    # `probes` pixels; without one a bake with a target measures anew whenever samples have doubled.
+    # A score may also have `watch(probed, probes, samples, seed)`, a generator of a Watch (measure/watch.py)
+    # of about `probes` pixels; without one a bake with a target measures anew whenever samples have doubled.
 
     def error_image(self, probed: Any, seed: int, show: Callable[[int], None]) -> Generator[None, None, Any]:
         """An ErrorImage (measure/error_image.py); `show` is told of pixels as they are done. Yields alike."""

@@ -78,8 +78,8 @@ class InUseScore:
     def measure(self, probed: Probed, probes: int, seed: int) -> Generator[None, None, LayerError]:
         return self._measuring(probed, probes, seed).run(self.reference_name)
 
-    def watch(self, probed: Probed, probes: int, seed: int) -> Generator[None, None, Watch]:
-        return self._measuring(probed, probes, seed).watch()
+    def watch(self, probed: Probed, probes: int, samples: int, seed: int) -> Generator[None, None, Watch]:
+        return self._measuring(probed, probes, seed).watch(samples)
 
     def error_image(
         self, probed: Probed, seed: int, show: Callable[[int], None]
@@ -171,7 +171,7 @@ class _Measuring:
         size = self.probed.image.shape[:2]
         return (yield from error_image(halves, size, IMAGE_VIEWS, self.seed, show))
 
-    def watch(self) -> Generator[None, None, Watch]:
+    def watch(self, samples: int) -> Generator[None, None, Watch]:
         self.scale = yield from self._found_scale()
         share, count, weights = 1.0, None, self.probed.weights
         if weights is not None:
@@ -179,7 +179,7 @@ class _Measuring:
             count = float(np.count_nonzero(light > NOTHING * light.max()))
             near = largest_nearby(light)  # samples may have missed what there is
             share = near / (near + (mean_weight(light) or 1.0))
-        pixels, stands_for = likely_pixels(self.probed.image, share, self.probes, self.seed)
+        pixels, stands_for = likely_pixels(self.probed.image, share, self.probes, samples, self.seed)
         own = int(hash_bits(self.seed, 4))
         found = yield from self._told(pixels, VIEWS, SAMPLES, own, 2)
         if count is None:

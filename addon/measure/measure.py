@@ -71,14 +71,14 @@ class Measurement:
         found, seconds = yield from timed(layer.kind.score.measure(probed, probes, seed))
         return replace(found, seconds=error.seconds + seconds)
 
-    def watch(self, probed: Probed) -> Generator[None, None, Watch | float]:
-        """Pixels of a layer that gets more samples, with rays of their own; of one whose score watches none,
-        its error, root mean square. How many there are does not depend on the clock."""
+    def watch(self, probed: Probed, samples: int) -> Generator[None, None, Watch | float]:
+        """Pixels of a layer that has so many samples and gets more, with rays of their own; of one whose
+        score watches none, its error, root mean square. How many there are does not depend on the clock."""
         score = probed.layer.kind.score
         seed = int(hash_bits(self.seed, text_bits(probed.layer.name), 3))
         probes = probes_of(probed.image.shape[0] * probed.image.shape[1], score.probe_seconds)
         if hasattr(score, "watch"):
-            return (yield from score.watch(probed, probes, seed))
+            return (yield from score.watch(probed, probes, samples, seed))
         error = yield from score.measure(probed, probes, seed)
         return score.rms(error.value)
 

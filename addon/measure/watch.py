@@ -16,8 +16,10 @@ from ..core.random import hash_bits
 from .strata import finite, largest_nearby
 
 EDGE, ANYWHERE = 0.12, 0.03
-"""By how much a pixel of a few samples is off, measured: for each 1 that the layer changes around it, and of
-what a method gets wrong wherever it is."""
+"""By how much a pixel is off, measured: with few samples for each 1 that the layer changes around it, and
+with any by what a method gets wrong wherever it is."""
+EDGE_SAMPLES, POWER = 4, 0.75
+"""So many are few; of more, edges are off by less, about like this power of their number."""
 
 WATCHING_SECONDS = 0.5
 USUAL_PIXELS, MOST_TIMES = 480 * 270, 4.0
@@ -57,15 +59,16 @@ def probes_of(pixels: int, probe_seconds: float) -> int:
 
 
 def likely_pixels(
-    image: np.ndarray, share: np.ndarray | float, count: int, seed: int
+    image: np.ndarray, share: np.ndarray | float, count: int, samples: int, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """About `count` pixels (P,) of an image (height, width[, channels]), ascending, and how many pixels each
-    stands for (P,). `share` (height, width): what an error of 1 counts for."""
+    """About `count` pixels (P,) of an image (height, width[, channels]) of so many samples, ascending, and
+    how many pixels each stands for (P,). `share` (height, width): what an error of 1 counts for."""
     planes = finite(image.reshape(*image.shape[:2], -1))
     change = np.zeros(image.shape[:2])
     for plane in np.moveaxis(planes, 2, 0):
         np.maximum(change, largest_nearby(plane, 1) + largest_nearby(-plane, 1), out=change)
-    sizes = np.square((EDGE * change + ANYWHERE) * share).reshape(-1)
+    edge = EDGE * (EDGE_SAMPLES / max(samples, EDGE_SAMPLES)) ** POWER
+    sizes = np.square((edge * change + ANYWHERE) * share).reshape(-1)
     sizes += UNLIKELY * sizes.mean()
     sums = np.cumsum(sizes)
     if not count or sums[-1] <= 0.0:

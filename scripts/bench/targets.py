@@ -92,10 +92,10 @@ def baked_to(name: str, options: Options, size: tuple[int, int]) -> Iterator[Rea
             yield
             return {}
 
-        def watch(self, layer, coarsest=coarsest):
+        def watch(self, layer, samples, coarsest=coarsest):
             nonlocal watching
             begun = time.process_time()
-            found = yield from own_watch(self, layer)
+            found = yield from own_watch(self, layer, samples)
             watching += time.process_time() - begun
             coarsest.setdefault(layer.name, self.watched_error(layer, found))
             return found

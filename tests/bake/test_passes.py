@@ -95,7 +95,7 @@ def test_the_error_is_at_the_target():
         for layer in graph.layers:
             probed = self._probed(layer)
             pixels = probed.image.size
-            watch = finished(layer.kind.score.watch(probed, 8 * pixels, 123))
+            watch = finished(layer.kind.score.watch(probed, 8 * pixels, 4, 123))
             truths.append(watch.rms(probed.image.reshape(pixels, -1)[watch.pixels]))
         return (yield from measured(self, graph))
 

@@ -21,7 +21,7 @@ def wrong_picture(rng):
 
 
 def watched(image, errors, count, seed, rng) -> Watch:
-    pixels, stands_for = likely_pixels(image, 1.0, count, seed)
+    pixels, stands_for = likely_pixels(image, 1.0, count, 4, seed)
     # Two halves with noise of their own, which must not count.
     halves = errors[pixels, None] + 0.05 * rng.standard_normal((len(pixels), 2))
     values = image.reshape(-1, 1)[pixels].astype(float)
@@ -49,10 +49,10 @@ def test_what_a_layer_becomes_is_told_without_rays():
 
 
 def test_small_and_flat_pictures_are_watched_too():
-    pixels, stands_for = likely_pixels(np.ones((3, 4), np.float32), 1.0, 500, 0)
+    pixels, stands_for = likely_pixels(np.ones((3, 4), np.float32), 1.0, 500, 4, 0)
     assert pixels.tolist() == list(range(12))
     assert stands_for.sum() == pytest.approx(12.0)
-    assert len(likely_pixels(np.ones((3, 4), np.float32), 0.0, 500, 0)[0]) == 0
+    assert len(likely_pixels(np.ones((3, 4), np.float32), 0.0, 500, 4, 0)[0]) == 0
 
 
 @pytest.mark.parametrize(
