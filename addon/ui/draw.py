@@ -295,6 +295,8 @@ def _told(layout: bpy.types.UILayout, context, effect: Effect, made: list[dict])
     errors = [(layer, error_of(layer.get("error"))) for layer in made]
     errors = [(layer, error) for layer, error in errors if isinstance(error, LayerError)]
     said: dict[str, list[str]] = {}
+    for layer in (layer for layer in made if layer.get("target_words")):
+        text(layout, context, f"{layer.get('light') or layer['name']}: {layer['target_words']}", "INFO")
     for layer, error in errors:
         light = layer.get("light", "")
         clauses = causes(error, layer.get("lowered_by", ()), effect.params)
