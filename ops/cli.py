@@ -300,7 +300,7 @@ def _bake_frame(
     out: TextIO,
     interrupts: Interrupts,
 ) -> None:
-    from ..addon.measure.report import format_table
+    from ..addon.measure.report_text import format_table
 
     bakes = []
     for view_layer in chosen.view_layers:

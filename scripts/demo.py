@@ -10,7 +10,7 @@ from pathlib import Path
 from strata.addon.bake import BakeJob, read_scene
 from strata.addon.job import run_to_end
 from strata.addon.layers.exr import write_layers
-from strata.addon.measure.report import format_table
+from strata.addon.measure.report_text import format_table
 from strata.addon.planning import Options
 from strata.addon.scene.open import choose, open_blend
 from strata.ops.terminal import Progress

@@ -1,6 +1,6 @@
 """The report of a bake: what ran, how long it took, how wrong it is, and what was left out and why.
 
-`Report.to_json` is what `--report` writes; `format_table` is the same for a person.
+`Report.to_json` is what `--report` writes; report_text.py has the same for a person.
 """
 
 from __future__ import annotations
@@ -20,12 +20,10 @@ from ..core.params import Params
 from ..core.sequence import SequenceLayer
 from ..core.version import VERSION
 from . import target
-from .table import columns, heading, wrapped
 from .target import Chosen, Target
-from .verdict import Verdict, interval_words, names_of, percent, told, worded
+from .verdict import Verdict, names_of, told, worded
 
 SIGNIFICANT_DIGITS = 6
-STEPS_SHOWN = 10
 
 
 @dataclass(frozen=True)
@@ -350,70 +348,3 @@ def peak_mb() -> int:
     except ImportError:
         return 0
     return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20)  # bytes on macOS
-
-
-def format_table(report: Report) -> str:
-    """The report for a person, at most 110 columns wide."""
-    width, height = report.size
-    lines = [
-        heading(f"{report.scene}, frame {report.frame}, {width} x {height}"),
-        *wrapped(f"{report.backend} ({report.backend_reason})", "backend  "),
-        f"time     {_seconds(report.seconds)} in all"
-        + (f", of which {_seconds(report.compile_seconds)} compiling" if report.compile_seconds else "")
-        + (f"; peak memory {report.peak_mb} MB" if report.peak_mb else ""),
-        *([report.memory.sentence.replace("memory: ", "memory   ")] if report.memory else []),
-        "",
-        *columns(*_layer_rows(report)),
-        *[line for layer in report.layers for line in _notes(layer)],
-        "",
-        *columns(["step", "for", "device", "seconds"], _step_rows(report)),
-    ]
-    if report.left_out:
-        lines += ["", "left out"]
-        lines += [line for what, why in report.left_out for line in wrapped(why, f"  {what}: ")]
-    if report.baked:
-        lines += ["", "materials"]
-        lines += [line for told in report.baked for line in wrapped(told, "  ")]
-    if report.warnings:
-        lines += ["", "warnings"]
-        lines += [line for warning in report.warnings for line in wrapped(warning, "  ")]
-    return "\n".join(lines)
-
-
-def _seconds(value: float) -> str:
-    return f"{value:.2f} s"
-
-
-def _layer_rows(report: Report) -> tuple[list[str], list[list[str]]]:
-    """The titles, with samples where each layer has its own, and a row for each layer."""
-    titles = ["layer", "seconds", "error", "95% interval", "to an eye", "99% up to", "max", "metric"]
-    rows, has_samples = [], any(layer.in_passes for layer in report.layers)
-    for layer in report.layers:
-        row = [layer.name, f"{layer.seconds:.2f}"]
-        if not isinstance(layer.error, LayerError):
-            row += ["neutral" if layer.neutral else "not measured", "", "", "", "", ""]
-        else:
-            error = layer.error
-            row += [percent(error.value), interval_words(*error.ci95), layer.verdict]
-            row += [percent(error.p99), percent(error.max), error.metric]
-        if layer.non_finite:
-            row[-1] = f"{row[-1]}; {layer.non_finite} values are not finite".lstrip("; ")
-        rows.append([row[0], str(layer.samples or ""), *row[1:]] if has_samples else row)
-    return [titles[0], "samples", *titles[1:]] if has_samples else titles, rows
-
-
-def _notes(layer: LayerReport) -> list[str]:
-    if isinstance(layer.error, NotMeasured):
-        return wrapped(layer.error.why, f"  {layer.name} is not measured: ")
-    told = [layer.target_words, layer.words, layer.audit.words if layer.audit else ""]
-    return [line for words in filter(None, told) for line in wrapped(words, f"  {layer.name}: ")]
-
-
-def _step_rows(report: Report) -> list[list[str]]:
-    """The slowest steps, then all others as one."""
-    steps = sorted(report.steps, key=lambda step: -step.seconds)
-    shown, others = steps[:STEPS_SHOWN], steps[STEPS_SHOWN:]
-    rows = [[step.name, step.instance, step.device, f"{step.seconds:.3f}"] for step in shown]
-    if others:
-        rows.append([f"{len(others)} others", "", "", f"{sum(step.seconds for step in others):.3f}"])
-    return rows

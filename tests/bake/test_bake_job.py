@@ -19,7 +19,8 @@ from strata.addon.effects.shared.coarse_picture import COARSER, seen_boxes
 from strata.addon.effects.shared.visibility_truth import SCORE
 from strata.addon.effects.soft_shadow import EFFECT as SOFT_SHADOW
 from strata.addon.effects.soft_shadow.run import needed
-from strata.addon.measure.report import LayerError, NotMeasured, format_table
+from strata.addon.measure.report import LayerError, NotMeasured
+from strata.addon.measure.report_text import format_table
 from strata.addon.measuring import Measuring
 from strata.addon.planning import Options, plan_scene
 from strata.tests.measure.scenes import random_scene, shot_of

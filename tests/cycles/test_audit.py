@@ -13,7 +13,7 @@ from strata.addon.audit import audit as module
 from strata.addon.audit.audit import audited, kept_scene
 from strata.addon.bake import BakeJob, read_job
 from strata.addon.core.errors import Cancelled
-from strata.addon.measure.report import format_table
+from strata.addon.measure.report_text import format_table
 from strata.addon.planning import Options
 from strata.addon.scene.open import open_blend
 from strata.addon.ui.state import STATE

@@ -19,11 +19,11 @@ from strata.addon.measure.report import (
     LayerReport,
     Report,
     StepTime,
-    format_table,
     peak_mb,
     report_of,
     rounded,
 )
+from strata.addon.measure.report_text import format_table
 from strata.addon.measure.table import WIDTH, columns, cut, width_of, wrapped
 from strata.tests.support.places import ROOT
 

@@ -12,7 +12,8 @@ from strata.addon.core.material import Material
 from strata.addon.core.metrics import mean_brightness
 from strata.addon.core.outline import Instances
 from strata.addon.core.shot import Camera, PixelFilter, Raster, Shot
-from strata.addon.measure.report import LayerError, format_table
+from strata.addon.measure.report import LayerError
+from strata.addon.measure.report_text import format_table
 from strata.addon.measure.unread import between
 from strata.addon.planning import Options, plan_scene
 from strata.tests.support.flat_scenes import DOWN, FLOOR, PLATE, lamp, scene_of

@@ -13,7 +13,8 @@ from strata.addon.effects.volumetric_light.params import VolumetricLightParams
 from strata.addon.measure.in_use import InUseScore
 from strata.addon.measure.light import LightScore
 from strata.addon.measure.mask import MaskScore
-from strata.addon.measure.report import LayerError, LayerReport, Report, format_table
+from strata.addon.measure.report import LayerError, LayerReport, Report
+from strata.addon.measure.report_text import format_table
 from strata.addon.measure.verdict import (
     FINE_UP_TO,
     INVISIBLE_UP_TO,
