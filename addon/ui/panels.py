@@ -9,7 +9,7 @@ import bpy
 from ..core.effect import Effect
 from ..core.naming import ENGINE_ID
 from ..effects.registry import EFFECTS
-from . import bake_warnings, draw, plot, presets, rows, watching
+from . import bake_warnings, draw, last_bake, plot, presets, rows, watching
 from .registration import Classes
 from .state import STATE
 
@@ -188,11 +188,16 @@ _classes = Classes(
     *(panel for effect in EFFECTS for panel in _effect(effect)),
     *_in_both("lights", "Lights", draw.lights, is_open=True),
     STRATA_PT_active_light,
-    *_in_both("result", "Last Bake", draw.result, needed=draw.has_report, is_open=True),
+    *_in_both("result", "Last Bake", last_bake.result, needed=last_bake.has_report, is_open=True),
     *_in_both(
-        "error", "Error against Time", draw.error_plot, parent="result", needed=draw.has_marks, is_open=True
+        "error",
+        "Error against Time",
+        last_bake.error_plot,
+        parent="result",
+        needed=last_bake.has_marks,
+        is_open=True,
     ),
-    *_in_both("steps", "Time per Step", draw.step_times, parent="result", needed=draw.has_report),
+    *_in_both("steps", "Time per Step", last_bake.step_times, parent="result", needed=last_bake.has_report),
     STRATA_PT_light,
     STRATA_PT_object,
     STRATA_PT_material,

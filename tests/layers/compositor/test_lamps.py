@@ -7,7 +7,7 @@ import pytest
 from strata.addon.effects.registry import EFFECTS
 from strata.addon.layers.exr_header import header_of
 from strata.addon.layers.shadow_nodes import GROUP_NAME
-from strata.addon.ui import draw, rows
+from strata.addon.ui import last_bake, rows
 from strata.ops.cli import main
 from strata.tests.layers.compositor.scene import (
     SIZE,
@@ -231,9 +231,9 @@ def test_the_panel_looks_for_the_file_of_a_view_layer_that_renders(scene, courty
     (courtyard / "ViewLayer.exr").write_bytes((courtyard / "baked.exr").read_bytes())
     scene.strata.output = "//{view_layer_name}.exr"
     bpy.context.window.view_layer = scene.view_layers.new("Second")
-    assert "There is no" in draw.unjoinable(bpy.context)
+    assert "There is no" in last_bake.unjoinable(bpy.context)
     bpy.context.view_layer.use = False
-    assert not draw.unjoinable(bpy.context)
+    assert not last_bake.unjoinable(bpy.context)
     assert bpy.ops.strata.build_compositor() == {"FINISHED"}
 
 
