@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 
@@ -24,6 +24,8 @@ MOST_RELAXED = 64
 DIRECTIONS, GRID, ROUNDS, TURN = 64, 64, 100, 30.0
 FIRST_PASSES = 4, 5, 6
 EXTENDING_ROUNDS, PLACES = 200, 32
+PLASTIC = 1.0 / 1.32471795724474602596 ** np.array([1.0, 2.0])
+"""Steps of a sequence that is well spread wherever it begins: powers of the plastic number (Roberts' R2)."""
 
 
 def filter_weight(pixel_filter: PixelFilter, x: np.ndarray) -> np.ndarray:
@@ -105,23 +107,34 @@ def passes_up_to(most: int) -> tuple[int, ...]:
 def extended_jitters(pixel_filter: PixelFilter, passes: tuple[int, ...]) -> np.ndarray:
     """(passes[-1], 2) as `jitters`: the first pass's set is that of as many, and each later pass adds to
     those before it, so that all are a set as good, or nearly, after every pass. What it adds begins where
-    there is most room and is then moved as `_relaxed` does, while the others stay. Not to be written to."""
-    offsets = jitters(pixel_filter, passes[0])
-    shares, edges = _distribution(pixel_filter) if pixel_filter.radius > 0.0 else (np.zeros(2), np.zeros(2))
-    places = np.stack(np.meshgrid(*[(np.arange(PLACES) + 0.5) / PLACES] * 2), axis=-1).reshape(-1, 2)
-    for held, count in pairwise(passes):
-        taken = np.interp(offsets, edges, shares)
-        while len(taken) < count:
-            room = np.square(places[:, None] - taken).sum(axis=2).min(axis=1)
-            at_border = np.square(2.0 * np.minimum(places, 1.0 - places).min(axis=1))
-            taken = np.vstack([taken, places[np.argmax(np.minimum(room, at_border))]])
-        added = _quantiles(pixel_filter, taken[held:])
+    there is most room and is then moved as `_relaxed` does, while the others stay; of many it follows a
+    sequence. Not to be written to."""
+    if len(passes) == 1:
+        return jitters(pixel_filter, passes[0])
+    offsets, (held, count) = extended_jitters(pixel_filter, passes[:-1]), passes[-2:]
+    if held >= MOST_RELAXED:
+        added = _quantiles(pixel_filter, (np.arange(held, count)[:, None] * PLASTIC + 0.5) % 1.0)
         offsets = np.concatenate([offsets, added])
-        if held < MOST_RELAXED and pixel_filter.radius > 0.0:
+    else:
+        offsets = np.concatenate([offsets, _quantiles(pixel_filter, _roomiest(pixel_filter, offsets, count))])
+        if pixel_filter.radius > 0.0:
             offsets = _transported(pixel_filter, offsets, EXTENDING_ROUNDS, held)
             offsets = np.clip(offsets, -pixel_filter.radius, pixel_filter.radius)
     offsets.flags.writeable = False
     return offsets
+
+
+def _roomiest(pixel_filter: PixelFilter, offsets: np.ndarray, count: int) -> np.ndarray:
+    """Places that make the offsets so many, (count - offsets, 2), as shares of the filter."""
+    shares, edges = _distribution(pixel_filter) if pixel_filter.radius > 0.0 else (np.zeros(2), np.zeros(2))
+    places = np.stack(np.meshgrid(*[(np.arange(PLACES) + 0.5) / PLACES] * 2), axis=-1).reshape(-1, 2)
+    room = np.square(2.0 * np.minimum(places, 1.0 - places).min(axis=1))  # to the border
+    taken = list(np.interp(offsets, edges, shares))
+    for number in range(count):
+        if number == len(taken):
+            taken.append(places[np.argmax(room)])
+        room = np.minimum(room, np.square(places - taken[number]).sum(axis=1))
+    return np.array(taken[len(offsets) :])
 
 
 def footprint_side(pixel_filter: PixelFilter, offset: tuple[float, float], samples: int) -> float:
@@ -189,7 +202,8 @@ class Sampling:
         """(samples, 2), from the very first."""
         if not self.passes:
             return jitters(self.pixel_filter, self.samples)
-        return extended_jitters(self.pixel_filter, self.passes)[: self.samples]
+        passes = self.passes[: bisect_left(self.passes, self.samples) + 1]
+        return extended_jitters(self.pixel_filter, passes)[: self.samples]
 
     @property
     def tile_rows(self) -> int:
@@ -200,14 +214,14 @@ class Sampling:
 
     def chunks(self) -> Iterator[Chunk]:
         """Tile by tile, and within a tile sample by sample; or the other way round (`is_progressive`)."""
-        offsets = [(float(dx), float(dy)) for dx, dy in self.jitters]
         tiles = [(y0, min(y0 + self.tile_rows, self.height)) for y0 in range(0, self.height, self.tile_rows)]
         numbers = range(self.first, self.samples)
         order = product(numbers, tiles) if self.is_progressive else product(tiles, numbers)
         for pair in order:
             sample, (y0, y1) = pair if self.is_progressive else pair[::-1]
             of = self.passes[bisect_right(self.passes, sample)] if self.passes else self.samples
-            yield Chunk(self.width, self.height, y0, y1, sample, offsets[sample], of)
+            dx, dy = replace(self, samples=of).jitters[sample]  # of no pass that may never come
+            yield Chunk(self.width, self.height, y0, y1, sample, (float(dx), float(dy)), of)
 
     @property
     def chunk_count(self) -> int:

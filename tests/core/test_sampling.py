@@ -114,3 +114,20 @@ def test_what_was_sampled_stays_when_more_are_wanted():
     parts = [replace(whole, samples=10), replace(whole, first=10)]
     assert [chunk for part in parts for chunk in part.chunks()] == list(whole.chunks())
     assert sum(part.chunk_count for part in parts) == whole.chunk_count
+
+
+def test_offsets_of_passes_that_may_never_come_are_not_made(monkeypatch):
+    made = []
+    monkeypatch.setattr(
+        "strata.addon.core.sampling.extended_jitters",
+        lambda _, passes: made.append(passes) or jitters(PixelFilter(), passes[-1]),
+    )
+    chunks = Sampling(4, 4, 4096, passes=passes_up_to(4096)).chunks()
+    assert [next(chunks).samples for _ in range(5)] == [4, 4, 4, 4, 5]
+    assert set(made) == {(4,), (4, 5)}
+
+
+def test_any_number_of_samples_is_spread():
+    """More than there are places to begin from too."""
+    offsets = extended_jitters(PixelFilter("BOX", 0.5), passes_up_to(4096)) + 0.5
+    assert np.histogram2d(*offsets.T, bins=16, range=[(0, 1)] * 2)[0].min() >= 0.5 * 4096 / 256
