@@ -226,9 +226,9 @@ def _sequences(arguments: argparse.Namespace, chosen, options_of, interrupts: In
 
 def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
     from ..addon.layers.exr import check_codec
-    from ..addon.layers.settings_from import settings_in
     from ..addon.planning import Options
     from ..addon.ui.properties import exr_of, options_of
+    from .chosen import taken_again
 
     plain = (
         "effects", "backend", "samples", "target_error", "time_budget_s", "weight", "rgb_layers", "read",
@@ -236,10 +236,7 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     )  # fmt: skip
     given = {name: getattr(arguments, name) for name in plain}
     given |= {"values": nested(arguments.set), "memory_bytes": arguments.memory}
-    arguments.chosen = {}  # samples by layer, by view layer
-    if arguments.settings_from:
-        arguments.chosen, samples = settings_in(Path(arguments.settings_from))
-        given |= {"samples": samples, "target_error": 0.0, "time_budget_s": 0.0}
+    arguments.chosen = taken_again(arguments, given)
     # What can be wrong is found before a large file is opened, and long before the work is done.
     Options(**{name: value for name, value in given.items() if value is not None}).chosen()
     frames = arguments.frames or (0,)
@@ -326,6 +323,7 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
     """What is baked of it, None where there is nothing, which is said."""
     from ..addon.bake import read_job
     from ..addon.job import run_to_end
+    from .auditing import held_against_cycles
     from .planning import nothing_to_bake, room_warning
 
     # What the first frame chose holds for all, or their noise would flicker.
@@ -357,36 +355,20 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
             interrupts.check()
             baked = run_to_end(job, show=show)
             if arguments.audit:
-                baked = _audited(baked, job, arguments, chosen.scene, view_layer, interrupts, progress)
+                baked = held_against_cycles(
+                    baked, job, arguments, chosen.scene, view_layer, interrupts, progress
+                )
         finally:
             progress.clear()
         reason = nothing_to_bake(job.graph, sequence)  # a closer look may leave out what boxes could not
     interrupts.check()
     if reason is None:
-        if len(chosen.frames) > 1:
-            arguments.chosen.setdefault(view_layer.name, samples_in(baked.layers.report))
+        if len(chosen.frames) > 1 and (found := samples_in(baked.layers.report)):
+            arguments.chosen.setdefault(view_layer.name, found)
         return baked
     if not arguments.quiet:
         print(f"strata: {title}: {reason}", file=sys.stderr)
     return None
-
-
-def _audited(baked, job, arguments, scene, view_layer, interrupts: Interrupts, progress: Progress):
-    """The same bake, held against Cycles."""
-    from ..addon.audit.audit import audited, kept_scene, not_audited
-
-    def show(share: float) -> None:
-        interrupts.check()
-        progress.show(share, "Auditing", None)
-
-    is_untouched = bool(arguments.scene_file)
-    scripts = arguments.trust_scripts or (False if is_untouched else None)
-    try:
-        kept = kept_scene(scene, view_layer, arguments.camera, is_untouched, scripts)
-    except StrataError as error:
-        return not_audited(baked, error)
-    with kept:
-        return audited(baked, kept, job.outline, job.graph, show=show)
 
 
 def _write(arguments: argparse.Namespace, frame: int, bakes: list) -> None:

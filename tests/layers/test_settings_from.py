@@ -36,7 +36,23 @@ def test_of_a_bake_without_a_target(tmp_path):
     assert settings_in(tmp_path / "a.json") == ({}, 16)
 
 
-@pytest.mark.parametrize("text", ["{}", "no JSON", "[]", '{"layers": [{"name": "A"}]}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{}",
+        "no JSON",
+        "[]",
+        '{"layers": 5}',
+        '{"layers": [5]}',
+        '{"layers": {"a": 1}}',
+        '{"layers": [{"name": "A"}]}',
+        '{"layers": [{"samples": 8}]}',
+        '{"layers": [{"name": "A", "samples": "many"}]}',
+        '{"layers": [{"name": "A", "samples": -3, "in_passes": true}]}',
+        '{"layers": [{"name": "A", "samples": 100000000}]}',
+        '{"layers": [{"name": "A", "in_passes": true}]}',
+    ],
+)
 def test_what_says_nothing_is_refused(tmp_path, text):
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(StrataError):

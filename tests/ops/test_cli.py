@@ -278,6 +278,34 @@ def test_frames_have_what_the_first_chose_and_so_may_others(tmp_path):
         assert all(np.array_equal(a.pixels, b.pixels) for a, b in zip(*pairs, strict=True))
     nowhere = ("--settings-from", "nowhere.exr")
     assert "cannot read" in strata("bake", blend, "-o", tmp_path / "x.exr", *nowhere, check=2).stderr
+    both = ("--settings-from", tmp_path / "f_01.json", "--samples", "8")
+    assert "--samples: " in strata("bake", blend, "-o", tmp_path / "x.exr", *both, check=2).stderr
+
+
+def test_frames_have_what_the_first_with_anything_in_view_chose(tmp_path):
+    scene = tmp_path / "turns.blend"
+    program = (
+        "import sys, bpy\n"
+        "bpy.ops.wm.open_mainfile(filepath=sys.argv[1])\n"
+        "bpy.context.scene.frame_end = 3\n"
+        "camera = bpy.context.scene.camera\n"
+        "for frame, turn in ((2, 0.0), (1, 3.0)):\n"  # away from everything
+        "    camera.rotation_euler.x += turn\n"
+        "    camera.keyframe_insert('rotation_euler', frame=frame)\n"
+        "bpy.ops.wm.save_as_mainfile(filepath=sys.argv[2])\n"
+    )
+    subprocess.run(
+        [sys.executable, "-c", program, SAMPLES / "stacked.blend", scene],
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
+    words = ("--frames", "1-3", "--size", "48x27", "--backend", "cpu", "--effects", "soft_shadow")
+    aimed = ("--target-error", ".01", "--report", tmp_path / "f_##.json", "--probes", "0")
+    strata("bake", scene, "-o", tmp_path / "f_##.exr", *words, *aimed)
+    told = [json.loads(path.read_text())["layers"] for path in sorted(tmp_path.glob("f_*.json"))]
+    chose = [any("target" in layer for layer in layers) for layers in told]
+    assert chose[-2:] == [True, False]
+    assert told[-2][0]["samples"] == told[-1][0]["samples"]
 
 
 def test_the_scene_keeps_its_own_choices(tmp_path):
