@@ -77,6 +77,9 @@ class BakeJob:
         self._measuring: Measuring | None = None
         self.tiles: deque[tuple[int, np.ndarray]] | None = None
         self._warnings = [*warnings, *outline.warnings, *arrays.warnings]
+        made = [layer.name for layer in self.graph.layers if layer.effect]
+        if options.samples_of and (unknown := [name for name in made if name not in options.samples_of]):
+            self._warnings.append(f"samples: nothing was chosen for {', '.join(unknown)}")
         if options.error_images and options.probes == 0:
             self._warnings.append("error images: there are none, as nothing is measured (probes: 0)")
         self._read_seconds = read_seconds
@@ -185,8 +188,9 @@ class BakeJob:
             self._measuring = Measuring(
                 measurement, outlook, executor, outline, graph, sampling, before, options.error_images
             )
-            pixels = sampling.width * sampling.height
-            execution.kept_pixels = pixels_to_keep(pixels, sampling.samples, options.seed)
+            if options.probes != 0:
+                pixels = sampling.width * sampling.height
+                execution.kept_pixels = pixels_to_keep(pixels, sampling.samples, options.seed)
         self._forecasts[: len(self._forecasts) - len(later)] = [self._forecast(graph, groups, execution)]
 
         def learnt() -> None:

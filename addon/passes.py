@@ -34,10 +34,10 @@ FEWEST_TO_BE_STUCK = 16
 
 class Passes:
     """Of one shot's groups, one after the other. `measuring` has the rays that tell how far layers are from
-    `target`; where it is known how many samples each layer gets, by its name, nobody looks: the others get
-    the most of them. `chosen`: what was chosen so far; `learnt` is called when more is known of that. Where
-    there is a moment that all `groups` should have ended at (`ends_at`, of time.perf_counter, 0: none), no
-    pass begins that would go beyond it."""
+    `target`; where it is known how many samples each layer gets, by its name, nobody looks. `chosen`: what
+    was chosen so far; `learnt` is called when more is known of that. Where there is a moment that all
+    `groups` should have ended at (`ends_at`, of time.perf_counter, 0: none), no pass begins that would go
+    beyond it."""
 
     def __init__(
         self,
@@ -97,11 +97,12 @@ class Passes:
         """Layers that are to get more samples, what is made of what is made anyway, and as long as there are
         any what nobody looks at."""
         if self._samples_of:
-            return [layer for layer in layers if samples < self._samples_of_layer(layer.name)]
+            return [layer for layer in layers if samples < self._samples_of_layer(layer.name, group)]
         if not self._is_aiming:
             return layers
         open_ones = [layer for layer in layers if layer.name in looked and not looked[layer.name].is_done]
-        if not open_ones and (looked or samples >= USUAL_SAMPLES):
+        of_effects = [layer for layer in layers if layer.effect and layer.name not in looked]
+        if not open_ones and (samples >= USUAL_SAMPLES or (looked and not of_effects)):
             return []
         wanted = (layer for layer in layers if layer in open_ones or layer.name not in looked)
         made = set(replace(group, layers=tuple(wanted)).nodes())
@@ -115,22 +116,26 @@ class Passes:
                 target = chosen.target and replace(chosen.target, is_late=True)
                 self.chosen[layer.name] = replace(chosen, target=target)
 
-    def _samples_of_layer(self, name: str) -> int:
-        return self._samples_of.get(name, max(self._samples_of.values()))
+    def _samples_of_layer(self, name: str, group: Graph) -> int:
+        """What is made of others, of which reports say nothing, has as many as the most of those."""
+        known = [self._samples_of[layer.name] for layer in group.layers if layer.name in self._samples_of]
+        return self._samples_of.get(name, max(known, default=USUAL_SAMPLES))
 
     def parts(self, groups: Sequence[Graph], sampling: Sampling) -> list[tuple[Graph, int]]:
         """What has run and what is expected to: graphs, and how many samples of each."""
         found = []
         for group in groups:
-            counts = {layer.name: self._expected_samples(layer.name, sampling) for layer in group.layers}
+            counts = {
+                layer.name: self._expected_samples(layer.name, group, sampling) for layer in group.layers
+            }
             for first, samples in pairwise((0, *sorted(set(counts.values())))):
                 layers = tuple(layer for layer in group.layers if counts[layer.name] >= samples)
                 found.append((replace(group, layers=layers), samples - first))
         return found
 
-    def _expected_samples(self, name: str, sampling: Sampling) -> int:
+    def _expected_samples(self, name: str, group: Graph, sampling: Sampling) -> int:
         if self._samples_of:
-            return self._samples_of_layer(name)
+            return min(self._samples_of_layer(name, group), sampling.samples)
         done = self.chosen[name].samples if name in self.chosen else 0
         usual = max(map(round, self._expected.values()), default=min(USUAL_SAMPLES, sampling.samples))
         return max(done, round(self._expected.get(name, usual)))
@@ -144,12 +149,14 @@ class _Looked:
         self._watch: Watch | float | None = None
         self._since, self._first = 0, 0.0  # samples that the watch began with, and its error then
         self._error: float | None = None
-        self.is_done = False
+        self.is_done = self._was_stuck = False
 
     def chosen(self, samples: int) -> Generator[None, None, Chosen]:
         """What is chosen where no more follow."""
         if self.is_done:  # it goes on with another
-            return Chosen(samples, self._told(False))
+            if isinstance(self._watch, Watch):
+                self._error = self._measuring.watched_error(self._layer, self._watch)
+            return Chosen(samples, self._told(self._was_stuck))
         before, is_doubled = self._first, samples >= 2 * self._since
         if isinstance(self._watch, Watch):
             self._error = self._measuring.watched_error(self._layer, self._watch)
@@ -169,7 +176,7 @@ class _Looked:
             elif not is_first:
                 is_stuck = self._is_stuck(before, samples)
             self._watch, self._since, self._first = found, samples, self._error
-        self.is_done = is_stuck or self._error <= AIM * self._target
+        self.is_done, self._was_stuck = is_stuck or self._error <= AIM * self._target, is_stuck
         return Chosen(samples, self._told(is_stuck))
 
     def _is_stuck(self, before: float, samples: int) -> bool:

@@ -42,15 +42,17 @@ def told(chosen: Chosen, method: float | None, advice: str) -> str:
     target = chosen.target
     if target is None or target.reached:
         return ""
-    off = f"off by {percent(target.seen)}, target {percent(target.error)}: "
+    aim = f"{100.0 * target.error:.2g}%"
+    off = f"by the pixels that decide off by {percent(target.seen)}, target {aim}: "
     lower = f": {advice}" if advice else ""
-    if method is not None and method > target.error:
+    count = f"{chosen.samples} samples" if chosen.samples > 1 else "one sample"
+    if target.is_stuck and method is not None and method > target.error:
         return f"{off}the method cannot go below {percent(min(method, target.seen))}{lower}"
     if target.is_stuck:
-        return f"{off}more samples than {chosen.samples} do not lower it{lower}"
+        return f"{off}more than {count} do not lower it{lower}"
     if target.is_late:
-        return f"{off}there was no time for more than {chosen.samples} samples"
-    return f"{off}{chosen.samples} samples are the most, and not enough"
+        return f"{off}there was no time for more than {count}"
+    return f"{off}{count} at most, and not enough"
 
 
 def samples_in(report: Mapping[str, Any]) -> dict[str, int]:

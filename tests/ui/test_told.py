@@ -61,7 +61,7 @@ def test_an_earlier_report_names_its_metric(said):
 
 
 def test_why_a_target_is_not_reached_is_said_of_each(said):
-    words = "off by 2.6%, target 2.0%: 64 samples are the most, and not enough"
+    words = "off by 2.6%, target 2.0%: 64 samples at most, and not enough"
     made = [layer("Key", ALIASED.to_json(), "samples") | {"target_words": words}]
     made.append({"name": "Soft Shadow Rim", "light": "Rim", "seconds": 1.0, "target_words": words})
     last_bake._told(SimpleNamespace(), SimpleNamespace(), EFFECT, made)
