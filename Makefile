@@ -40,10 +40,10 @@ test-unit: setup
 	$(PYTEST) $(addprefix tests/,core kernels measure scene layers audit ui preview ops scripts)
 
 test-devices: setup
-	$(PYTEST) $(addprefix tests/,devices effects bake engine)
+	$(PYTEST) $(addprefix tests/,devices effects bake engine cycles)
 
 test-window: setup
-	$(PYTHON) -m pytest $(addprefix tests/,cycles window)
+	$(PYTHON) -m pytest tests/window
 
 # In a Blender window under Xvfb: make test-interface BLENDER=/path/to/blender; photographs in out/interface.
 test-interface: setup

@@ -10,6 +10,9 @@ import subprocess
 import pytest
 from strata.tests.support.places import ROOT, SAMPLES
 
+# What the CPU has made is drawn as what a GPU has.
+SESSIONS = [("opengl", "cpu"), ("opengl", "gpu"), ("vulkan", "gpu")]
+
 
 def check_preview(gpu_backend, backend, source, screen, tmp_path):
     scene, result = tmp_path / "stacked.blend", tmp_path / "result.json"
@@ -57,7 +60,6 @@ def check_preview(gpu_backend, backend, source, screen, tmp_path):
 
 if "BLENDER" in os.environ:
 
-    @pytest.mark.parametrize("backend", ["cpu", "gpu"])
-    @pytest.mark.parametrize("gpu_backend", ["opengl", "vulkan"])
+    @pytest.mark.parametrize(("gpu_backend", "backend"), SESSIONS)
     def test_preview_in_a_window(gpu_backend, backend, archive, display, tmp_path):
         check_preview(gpu_backend, backend, archive, display, tmp_path)

