@@ -58,13 +58,12 @@ def put_together(
     watching_seconds: Mapping[str, float],
     error_images: dict[str, ErrorImage],
 ) -> Baked:
-    """`chosen`: parameters by effect id; `samples` are those of a pixel where
-    nothing was chosen; `chunks` is how often a surface was made, `errors` by layer, as
-    `error_images` are; `seconds` are of the whole bake and `coarse_picture_seconds` of its coarse picture.
-    `chosen_samples`: of layers that were
-    made in passes, for a `target_error`, with the seconds that looking at them took. `missing`: what the
-    graph lacks of `sequence`, for which neutral layers stand. `has_picture`: there is a
-    composite, also of nothing."""
+    """`chosen`: parameters by effect id; `samples` are those of a pixel where nothing was chosen; `chunks` is
+    how often a surface was made, `errors` by layer, as `error_images` are; `seconds` are of the whole bake
+    and `coarse_picture_seconds` of its coarse picture. `chosen_samples`: of layers that were made in passes,
+    for a `target_error` or a `time_budget_s`; `watching_seconds`: what looking at them took. `missing`: what
+    the graph lacks of `sequence`, for which neutral layers stand. `has_picture`: there is a composite, also
+    of nothing."""
     below, shot = _nodes_by_layer(graph), graph.shot
     own = _own_nodes(below)
     layers, costs = [], {}

@@ -118,8 +118,10 @@ class Passes:
 
     def _samples_of_layer(self, name: str, group: Graph) -> int:
         """What is made of others, of which reports say nothing, has as many as the most of those."""
-        known = [self._samples_of[layer.name] for layer in group.layers if layer.name in self._samples_of]
-        return self._samples_of.get(name, max(known, default=USUAL_SAMPLES))
+        if name in self._samples_of:
+            return self._samples_of[name]
+        known = (self._samples_of[layer.name] for layer in group.layers if layer.name in self._samples_of)
+        return max(known, default=USUAL_SAMPLES)
 
     def parts(self, groups: Sequence[Graph], sampling: Sampling) -> list[tuple[Graph, int]]:
         """What has run and what is expected to: graphs, and how many samples of each."""

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from ..addon.core.errors import StrataError
 from ..addon.core.params import ParamSpec
 from ..addon.core.read import MOST_TEXELS, Read
+from ..addon.core.sampling import MOST_SAMPLES
 from ..addon.core.weight import Weight
 from ..addon.layers.exr_params import ExrParams
 from ..addon.layers.numbered import Placeholder
@@ -135,7 +136,7 @@ def build_parser(needs_scene: bool) -> Parser:
     bake.add_argument("-o", "--output", required=True, metavar="OUT.exr",
                       help="where to, a folder too; #### is the frame number")  # fmt: skip
     bake.add_argument("--backend", choices=("auto", "cpu", "gpu"), help="default: the scene's, or auto")
-    bake.add_argument("--samples", type=whole_number(1, 4096), metavar="N",
+    bake.add_argument("--samples", type=whole_number(1, MOST_SAMPLES), metavar="N",
                       help="surfaces per pixel (default: the scene's, or 8)")  # fmt: skip
     bake.add_argument("--target-error", type=share, metavar=".02",
                       help="each layer gets as many samples as bring its error down to that, at most "

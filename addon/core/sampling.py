@@ -18,6 +18,7 @@ PIXELS_PER_TILE = 9 << 17  # bounds the memory that a surface takes; so many tha
 # Whole groups of rows as kernels share them among threads.
 TILE_ROWS = 48
 TABLE_LENGTH = 4096
+MOST_SAMPLES = 4096  # that anybody may ask for
 
 # Of more samples the plain set is as good, and moving them takes long.
 MOST_RELAXED = 64

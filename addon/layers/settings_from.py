@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ..core.errors import StrataError
+from ..core.sampling import MOST_SAMPLES
 from .exr_header import header_of
-
-MOST_SAMPLES = 4096
 
 
 def settings_in(path: Path) -> tuple[dict[str, dict[str, int]], int | None]:

@@ -14,6 +14,7 @@ from ..core.effect import Effect
 from ..core.params import Colour, Lamp, ParamSpec, in_words
 from ..core.ramp import Ramp
 from ..core.read import MOST_TEXELS, TEXELS, Read
+from ..core.sampling import MOST_SAMPLES
 from ..core.weight import Weight
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
@@ -215,7 +216,7 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
         "samples": bpy.props.IntProperty(
             name="Samples",
             description="Jittered surfaces per pixel. More is slower and has smoother edges",
-            default=8, min=1, max=4096, soft_max=64,
+            default=8, min=1, max=MOST_SAMPLES, soft_max=64,
         ),
         "target_error": bpy.props.FloatProperty(
             name="Target Error",
@@ -232,7 +233,7 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
         "most_samples": bpy.props.IntProperty(
             name="Most Samples",
             description="No layer gets more samples than this, whatever its error is",
-            default=64, min=1, max=4096, soft_max=256,
+            default=64, min=1, max=MOST_SAMPLES, soft_max=256,
         ),
         "weight": bpy.props.EnumProperty(
             name="Weight",
