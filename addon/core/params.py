@@ -61,7 +61,9 @@ class ParamSpec:
     `label` is what a panel calls it, short enough for its column, `group` where it stands there, `words` what
     choices are called where that is not the value itself; `used_when` is where it counts at all, which for
     members of a group includes what holds for that; `unlimited` is a word for the greatest value accepted,
-    where that means no limit; `object_only`: of what objects have of their own, materials do not have it."""
+    where that means no limit; `object_only`: of what objects have of their own, materials do not have it;
+    `lowers_noise`: what raising it lowers is another error in each of a pixel's samples, so that more of
+    those lower it as well."""
 
     name: str
     kind: type
@@ -78,6 +80,7 @@ class ParamSpec:
     unlimited: str = ""
     words: dict[str, str] = field(default_factory=dict, hash=False)
     object_only: bool = False
+    lowers_noise: bool = False
 
     @property
     def is_of_file(self) -> bool:

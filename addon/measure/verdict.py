@@ -75,6 +75,8 @@ def causes(error: LayerError, settings: Sequence[str] = (), params: type[Params]
             return found  # only the interval reaches further: there is nothing to lower that is known of
         if error.sampling > error.method:
             found.append("most of it is aliasing: more samples")
+        elif _is_noise(settings, params):
+            found.append(f"most of it is noise: more samples or {names_of(settings[:1], params)}")
         else:
             found.append(f"most of it is the method: {names_of(settings, params)}")
     elif settings:
@@ -104,6 +106,11 @@ def names_of(settings: Sequence[str], params: type[Params] | None) -> str:
     """`Method Hybrid, Map Size`, as panels call them."""
     specs = {spec.name: spec for spec in params.specs()} if params else {}
     return ", ".join(_called(name, specs) for name in settings[:MOST_SETTINGS])
+
+
+def _is_noise(settings: Sequence[str], params: type[Params] | None) -> bool:
+    """Whether what lowers it most lowers an error that more samples lower too."""
+    return any(spec.lowers_noise and spec.name == settings[0] for spec in (params.specs() if params else ()))
 
 
 def _called(setting: str, specs: dict[str, ParamSpec]) -> str:

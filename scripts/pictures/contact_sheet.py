@@ -16,7 +16,7 @@ from strata.addon.effects.registry import EFFECTS
 from strata.addon.measure.report import NotMeasured, error_of
 from strata.addon.measure.verdict import causes, interval_words, off_by, percent
 
-WIDTH, MARGIN, GAP = 1600, 48, 28
+WIDTH, MARGIN, GAP, LINE = 1600, 48, 28, 22
 BACKGROUND, PANEL, TEXT, QUIET, ACCENT = "#15171c", "#1d2027", "#eceef2", "#9aa3b2", "#f2b261"
 REC709_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 AMBIENT = 0.07  # share of the unshadowed light that still reaches a shadow: stands in for bounces
@@ -82,10 +82,11 @@ def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[int, np.
     columns = 2 if len(layer_set.layers) in (1, 2, 4) else 3
     tile_width = (WIDTH - 2 * MARGIN - (columns - 1) * GAP) // columns
     tile_size = (tile_width, round(tile_width * aspect))
-    caption = 118
     rows = -(-len(layer_set.layers) // columns)
     notes = _notes(layer_set.report)
     told = {entry["name"]: entry for entry in layer_set.report.get("layers", ())}
+    captions = [_caption(layer, told.get(layer.name, {})) for layer in layer_set.layers]
+    caption = 52 + LINE * max(map(len, captions), default=0)
     grid_top = 132 + hero_size[1] + GAP
     notes_top = grid_top + rows * (tile_size[1] + caption + GAP)
     sheet = Image.new("RGB", (WIDTH, notes_top + 30 * len(notes) + MARGIN), BACKGROUND)
@@ -97,13 +98,20 @@ def save_contact_sheet(path: str | Path, layer_set: LayerSet, lit: dict[int, np.
     for index, layer in enumerate(layer_set.layers):
         x = MARGIN + (index % columns) * (tile_width + GAP)
         y = grid_top + (index // columns) * (tile_size[1] + caption + GAP)
-        _draw_tile(sheet, draw, layer, (x, y), tile_size, caption, told.get(layer.name, {}))
+        _draw_tile(sheet, draw, layer, (x, y), tile_size, caption, captions[index])
     for index, note in enumerate(notes):
         draw.text((MARGIN, notes_top + 30 * index), note, QUIET, label_font(17))
     sheet.save(path)
 
 
-def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int, told: dict) -> None:
+def _caption(layer: Layer, told: dict) -> tuple[str, ...]:
+    """`told`: what the report has of it."""
+    settings = told.get("lowered_by", ())
+    params = EFFECTS.named(layer.effect).params if settings else None
+    return error_lines(layer.error, layer.light, told.get("verdict", ""), settings, params)
+
+
+def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int, lines: tuple[str, ...]) -> None:
     (x, y), (width, height) = corner, size
     draw.rectangle((x, y, x + width - 1, y + height + caption - 1), PANEL)
     sheet.paste(as_picture(layer).resize(size, Image.Resampling.LANCZOS), corner)
@@ -111,18 +119,15 @@ def _draw_tile(sheet, draw, layer: Layer, corner, size, caption: int, told: dict
     draw.text((x + 16, y + height + 12), _fitted(draw, layer.name, title, width - 130), TEXT, title)
     seconds = f"{layer.seconds:.2f} s"
     draw.text((x + width - 16, y + height + 13), seconds, ACCENT, label_font(20), anchor="ra")
-    settings = told.get("lowered_by", ())
-    params = EFFECTS.named(layer.effect).params if settings else None
-    lines = error_lines(layer.error, layer.light, told.get("verdict", ""), settings, params)
     for line, text in enumerate(lines):
         font = label_font(16)
         text = _fitted(draw, text, font, width - 32)
-        draw.text((x + 16, y + height + 44 + 22 * line), text, ACCENT if not line else QUIET, font)
+        draw.text((x + 16, y + height + 44 + LINE * line), text, ACCENT if not line else QUIET, font)
 
 
 def error_lines(error: dict, light: str = "", verdict: str = "", settings=(), params=None) -> tuple[str, ...]:
     """The caption's lines: what the error is; how much of it is to be seen, with its interval; where it comes
-    from and what lowers it, or how it was measured."""
+    from and what lowers it, a line for each clause, or how it was measured."""
     found = error_of(error)
     if found is None:
         return ("error not measured",)
@@ -130,8 +135,8 @@ def error_lines(error: dict, light: str = "", verdict: str = "", settings=(), pa
         return "error not measured", found.why
     seen = f"{verdict} (95% sure: {interval_words(*found.ci95)})".lstrip()
     measured = f"{found.probes} probes · {found.reference}"
-    why = "; ".join(causes(found, settings, params))
-    return off_by(found.metric, percent(found.value), light), seen, why or measured
+    why = causes(found, settings, params)
+    return off_by(found.metric, percent(found.value), light), seen, *(why or [measured])
 
 
 def _fitted(draw, text: str, font, width: int) -> str:

@@ -47,6 +47,9 @@ def test_advice_follows_the_cause():
     assert causes(methods, SETTINGS[1:], SoftShadowParams) == [
         "most of it is the method: Method Hybrid, Map Size"
     ]
+    assert causes(methods, ("sample_rays", "samples"), SoftShadowParams) == [
+        "most of it is noise: more samples or Sample Rays"
+    ]
     unknown = replace(ERROR, method=None, sampling=None)
     assert causes(unknown, ("samples",)) == ["lower it with Samples"]
     assert causes(ERROR) == []  # invisible: no settings are named

@@ -31,6 +31,11 @@ def test_contact_sheet_multiplies_each_light_by_its_own_shadow(tmp_path):
         "most of it is aliasing: more samples",
     )
     assert error_lines(ERROR, "Key", "fine")[2] == "64 probes · rays"
+    clipped = {**ERROR, "display": 0.001}
+    assert error_lines(clipped, "Key", "fine", ["samples"])[2:] == (
+        "most of it is aliasing: more samples",
+        "on a display 0.1%, since white is clipped",
+    )
     with Image.open(path) as sheet:
         assert sheet.width == 1600
         assert sheet.getextrema()[0][1] > 200  # the lit image is there, and bright

@@ -113,6 +113,7 @@ class SoftShadowParams(Params):
         hard=(1, 1024),
         soft=(1, 64),
         trades_time=True,
+        lowers_noise=True,
         per_light=True,
         used_when=When("method", (Method.RAYS,)),
         doc="Rays for each of a pixel's samples, with the method rays; those of all are spread over the "
