@@ -168,7 +168,7 @@ class BakeJob:
         tiles = sampling.chunk_count // sampling.samples
         parts = [(group, sampling.samples) for group in groups]
         if sampling.passes:
-            parts = (passes or Passes(None, None, 0.0, self.options.samples_of)).parts(groups, sampling)
+            parts = (passes or Passes(None, None, self.options)).parts(groups, sampling)
         parts = [(part, samples * tiles) for part, samples in parts]
         return Forecast(parts, sampling.width * sampling.height / tiles, execution, self.outline)
 
@@ -181,7 +181,8 @@ class BakeJob:
         shortage = [self.memory.shortage] if self.memory.shortage else []
         cancelled = (*self.devices.primary.cancelled, *self.devices.fallback.cancelled)
         self._measuring = None
-        if (options.probes != 0 or options.target_error) and graph.shot.has_eye:  # probes lie along view rays
+        is_aiming = any(map(options.target_of, graph.layers))
+        if (options.probes != 0 or is_aiming) and graph.shot.has_eye:  # probes lie along view rays
             measurement = Measurement(options.probes, options.seed, cancelled)
             tree = ray_accelerator(outline, graph.shot)
             outlook = MeasuringOutlook(graph, outline, tree, options.probes)
@@ -200,8 +201,7 @@ class BakeJob:
         passes = Passes(
             executor,
             self._measuring,
-            options.target_error,
-            options.samples_of,
+            options,
             learnt,
             ends_at if options.time_budget_s else 0.0,
             len(groups),

@@ -7,7 +7,7 @@ other rays, than those that its reported error comes from: one that was low by c
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -21,6 +21,7 @@ from .measure.report import NotMeasured
 from .measure.target import Chosen, Target
 from .measure.watch import Watch
 from .measuring import Measuring
+from .planning import Options
 
 AIM = 0.95  # of the target, since what is known of an error is off by about as much
 POWER = 0.7
@@ -34,7 +35,7 @@ FEWEST_TO_BE_STUCK = 16
 
 class Passes:
     """Of one shot's groups, one after the other. `measuring` has the rays that tell how far layers are from
-    `target`; where it is known how many samples each layer gets, by its name, nobody looks. `chosen`: what
+    their targets, which `options` say, unless it is known how many samples each gets. `chosen`: what
     was chosen so far; `learnt` is called when more is known of that. Where there is a moment that all
     `groups` should have ended at (`ends_at`, of time.perf_counter, 0: none), no pass begins that would go
     beyond it."""
@@ -43,16 +44,14 @@ class Passes:
         self,
         executor: Executor | None,
         measuring: Measuring | None,
-        target: float,
-        samples_of: Mapping[str, int],
+        options: Options,
         learnt: Callable[[], None] = lambda: None,
         ends_at: float = 0.0,
         groups: int = 1,
     ):
-        self._executor, self._measuring, self._target = executor, measuring, target
-        self._samples_of, self._learnt = samples_of, learnt
-        self._ends_at, self._groups_left = 0.0 if samples_of else ends_at, groups
-        self._is_aiming = target > 0.0 and not samples_of
+        self._executor, self._measuring, self._learnt = executor, measuring, learnt
+        self._options, self._samples_of = options, options.samples_of
+        self._ends_at, self._groups_left = 0.0 if self._samples_of else ends_at, groups
         self._expected: dict[str, float] = {}
         self.chosen: dict[str, Chosen] = {}
 
@@ -61,8 +60,11 @@ class Passes:
     ) -> Generator[None]:
         """Makes the group's layers; yields between slices of work."""
         executor, going_on = self._executor, list(group.layers)
-        measured = [layer for layer in group.layers if _is_measured(layer) and self._is_aiming]
-        looked = {layer.name: _Looked(self._measuring, layer, self._target) for layer in measured}
+        looked = {
+            layer.name: _Looked(self._measuring, layer, target)
+            for layer in going_on
+            if (target := self._options.target_of(layer)) and layer.is_whole
+        }
         tiles = sampling.chunk_count // sampling.samples
         now = time.perf_counter()
         ends_at = self._ends_at and now + (self._ends_at - now) / max(self._groups_left, 1)
@@ -98,15 +100,40 @@ class Passes:
         any what nobody looks at."""
         if self._samples_of:
             return [layer for layer in layers if samples < self._samples_of_layer(layer.name, group)]
-        if not self._is_aiming:
-            return layers
-        open_ones = [layer for layer in layers if layer.name in looked and not looked[layer.name].is_done]
-        of_effects = [layer for layer in layers if layer.effect and layer.name not in looked]
-        if not open_ones and (samples >= USUAL_SAMPLES or (looked and not of_effects)):
-            return []
-        wanted = (layer for layer in layers if layer in open_ones or layer.name not in looked)
+        open_ones = {
+            layer.name for layer in layers if layer.name in looked and not looked[layer.name].is_done
+        }
+        wanted = [layer for layer in layers if self._wants(layer, layers, looked, open_ones, samples)]
         made = set(replace(group, layers=tuple(wanted)).nodes())
-        return [layer for layer in layers if layer.node in made]
+        return [
+            layer for layer in layers if layer.node in made and (layer in wanted or not self._is_set(layer))
+        ]
+
+    def _wants(
+        self,
+        layer: PlannedLayer,
+        layers: list[PlannedLayer],
+        looked: dict[str, _Looked],
+        open_ones: set[str],
+        samples: int,
+    ) -> bool:
+        """Whether more samples are to be made for its sake."""
+        options = self._options
+        if layer.name in looked:
+            return layer.name in open_ones and samples < options.most_samples
+        if self._is_set(layer):
+            return samples < options.samples
+        if options.time_budget_s and not options.target_error:
+            return True
+        usual = USUAL_SAMPLES if options.target_error else options.samples
+        others = any(each.effect and each.name not in looked for each in layers)
+        return bool(open_ones) or (samples < usual and (others or not looked))
+
+    def _is_set(self, layer: PlannedLayer) -> bool:
+        """Whether it gets as many samples as are set, whatever others get."""
+        options = self._options
+        is_free = options.target_error or options.time_budget_s or options.target_of(layer)
+        return bool(layer.effect) and not is_free
 
     def _put_late(self, layers: Iterable[PlannedLayer], looked: dict[str, _Looked]) -> None:
         """There was no time for more samples of these."""
@@ -139,6 +166,8 @@ class Passes:
         if self._samples_of:
             return min(self._samples_of_layer(name, group), sampling.samples)
         done = self.chosen[name].samples if name in self.chosen else 0
+        if any(self._is_set(layer) for layer in group.layers if layer.name == name):
+            return self._options.samples
         usual = max(map(round, self._expected.values()), default=min(USUAL_SAMPLES, sampling.samples))
         return max(done, round(self._expected.get(name, usual)))
 
@@ -200,7 +229,3 @@ def _seconds_of_sample(graph: Graph, execution: Execution) -> float:
     nodes = {node.key for node in graph.nodes() if node.rate == Rate.SAMPLE}
     taken = (each for each in execution.timings.values() if each.node.key in nodes)
     return sum(timing.seconds / max(timing.runs, 1) for timing in taken)
-
-
-def _is_measured(layer: PlannedLayer) -> bool:
-    return layer.kind.score is not None and layer.is_whole and layer.node.rate == Rate.SAMPLE

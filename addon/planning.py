@@ -10,7 +10,7 @@ from typing import Any
 from .core.effect import Effect, Offer, Registry
 from .core.errors import StrataError
 from .core.free_memory import free_bytes
-from .core.graph import Graph
+from .core.graph import Graph, PlannedLayer, Rate
 from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups, too_large
 from .core.outline import Outline
 from .core.reach import fitted
@@ -27,20 +27,22 @@ from .effects.shared.steps import surface
 
 @dataclass(frozen=True)
 class Options:
-    """How to bake. `effects`: ids, None for those on by default; `values`: parameter values by effect id and
-    name; `samples` jittered surfaces a pixel, at most where there is a `target_error` or a time budget: with
-    a target each layer gets as many as bring its error (docs/accuracy.md) down to that, 0: there is none;
-    `time_budget_s`: all get as many as there is time for, 0: it may take any; `samples_of`: how many each
-    layer gets, by its name, where that was chosen before; `probes` points to measure the error at, 0 for
-    none, None for at most 2048 and so few that measuring takes 15% of the bake; `lights`: names of the lamps
-    whose layers are wanted, None for all layers; `lit` also makes each light's unshadowed image, and
-    `composite` the picture of the whole; `memory_bytes` are what it may take beside what Blender has, 0: half
-    of what is free, or less where more is of no use; `providers`: the effect to take a role from, where
-    several offer it and a lamp asks for none; `keeps_unused` also makes their layers that the picture does
-    not take; `weight`: what samples of layers that multiply weigh (Weight); `rgb_layers`: lamps' shadows are
-    in colour, each channel weighed by itself; `error_images`: each measured layer gets an image of its error
-    too; `read`: how materials are (Read), and `read_texels`: how fine at most what Blender bakes of them is,
-    texels a side of a mesh's picture; `registry`: the effects that there are."""
+    """How to bake. `effects`: ids, None for those on by default; `values`: parameter values by effect id
+    and name; `samples` jittered surfaces a pixel of a layer without a target. With a `target_error` each
+    layer gets as many as bring its error (docs/accuracy.md) down to that, 0: there is none, but of lamps
+    and effects that have their own (`heeds_own_targets`); `time_budget_s`: all get as many as there is
+    time for, 0: it may take any; `most_samples`: with either no layer gets more; `samples_of`: how many
+    each layer gets, by its name, where that was chosen before; `probes` points to measure the error at, 0
+    for none, None for at most 2048 and so few that measuring takes 15% of the bake; `lights`: names of
+    the lamps whose layers are wanted, None for all layers; `lit` also makes each light's unshadowed
+    image, and `composite` the picture of the whole; `memory_bytes` are what it may take beside what
+    Blender has, 0: half of what is free, or less where more is of no use; `providers`: the effect to take
+    a role from, where several offer it and a lamp asks for none; `keeps_unused` also makes their layers
+    that the picture does not take; `weight`: what samples of layers that multiply weigh (Weight);
+    `rgb_layers`: lamps' shadows are in colour, each channel weighed by itself; `error_images`: each
+    measured layer gets an image of its error too; `read`: how materials are (Read), and `read_texels`:
+    how fine at most what Blender bakes of them is, texels a side of a mesh's picture; `registry`: the
+    effects that there are."""
 
     effects: tuple[str, ...] | None = None
     backend: str = "auto"
@@ -63,6 +65,8 @@ class Options:
     target_error: float = 0.0
     samples_of: Mapping[str, int] = field(default_factory=dict)
     time_budget_s: float = 0.0
+    most_samples: int = 64
+    heeds_own_targets: bool = True
 
     def __post_init__(self):
         if self.memory_bytes < 0:
@@ -73,8 +77,8 @@ class Options:
             raise StrataError(f"read: '{self.read}' is none of {', '.join(names)}")
         if not 1 <= self.read_texels <= MOST_TEXELS:
             raise StrataError(f"read texels: {self.read_texels} is not between 1 and {MOST_TEXELS}")
-        if self.samples < 1:
-            raise StrataError(f"samples: {self.samples} is less than 1")
+        if (fewest := min(self.samples, self.most_samples)) < 1:
+            raise StrataError(f"samples: {fewest} is less than 1")
         if not 0.0 <= self.target_error < 1.0:
             raise StrataError(f"target error: {self.target_error:g} is not between 0 and 1")
         if self.time_budget_s < 0.0:
@@ -93,6 +97,13 @@ class Options:
         else:
             effects = tuple(self.registry.named(name) for name in self.effects)
         return {effect: self._params_of(effect) for effect in effects}
+
+    def target_of(self, layer: PlannedLayer) -> float:
+        """What the error of a layer is to come down to; 0: it has as many samples as are set, since it has no
+        target, or nobody could tell how far it is, or it was chosen before."""
+        if self.samples_of or not layer.kind.score or layer.node.rate != Rate.SAMPLE:
+            return 0.0
+        return (layer.target_error if self.heeds_own_targets else 0.0) or self.target_error
 
     def wants(self, name: str, pass_name: str) -> bool:
         """Whether a lamp's layers are to be made."""
@@ -157,17 +168,22 @@ def _record_probed(recorder: Recorder, outline: Outline) -> None:
         surface(recorder, outline)
 
 
-def passes_of(options: Options) -> tuple[int, ...]:
+def passes_of(graph: Graph, options: Options) -> tuple[int, ...]:
     """How many samples a pixel may have; empty where there is nothing to choose."""
-    if options.samples_of:
-        return passes_up_to(max(options.samples_of.values()))
-    has_choice = options.target_error or options.time_budget_s
-    return passes_up_to(options.samples) if has_choice else ()
+    if chosen := options.samples_of.values():
+        return passes_up_to(max(chosen), *chosen)
+    if options.target_error or options.time_budget_s:
+        return passes_up_to(options.most_samples)
+    layers = [layer for layer in graph.layers if layer.effect]
+    if not any(map(options.target_of, layers)):
+        return ()
+    set_ones = () if all(map(options.target_of, layers)) else (options.samples,)
+    return passes_up_to(max((options.most_samples, *set_ones)), *set_ones)
 
 
 def sampling_of(graph: Graph, options: Options) -> Sampling:
     shot = graph.shot
-    passes = passes_of(options) if shot.has_eye else ()
+    passes = passes_of(graph, options) if shot.has_eye else ()
     samples = passes[-1] if passes else options.samples
     sampling = Sampling(*shot.computed_size, samples, shot.pixel_filter, passes=passes)
     return fitted(sampling, graph.nodes())

@@ -137,7 +137,8 @@ def build_parser(needs_scene: bool) -> Parser:
                       help="where to, a folder too; #### is the frame number")  # fmt: skip
     bake.add_argument("--backend", choices=("auto", "cpu", "gpu"), help="default: the scene's, or auto")
     bake.add_argument("--samples", type=whole_number(1, MOST_SAMPLES), metavar="N",
-                      help="surfaces per pixel (default: the scene's, or 8)")  # fmt: skip
+                      help="surfaces per pixel; with a target error or a time budget at most so many "
+                      "(default: the scene's)")  # fmt: skip
     bake.add_argument("--target-error", type=share, metavar=".02",
                       help="each layer gets as many samples as bring its error down to that, at most "
                       "--samples (default: the scene's; 0: none)")  # fmt: skip

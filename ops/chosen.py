@@ -21,6 +21,8 @@ def taken_again(arguments: argparse.Namespace, given: dict[str, Any]) -> dict[st
     for name, flag in ANSWERED.items():
         if given[name] is not None:
             raise StrataError(f"--{flag}: --settings-from says how many samples there are")
+    if any("target_error" in values for values in given["values"].values()):
+        raise StrataError("--set ….target_error: --settings-from says how many samples there are")
     chosen, samples = settings_in(Path(arguments.settings_from))
     given |= {"samples": samples, "target_error": 0.0, "time_budget_s": 0.0}
     return chosen

@@ -8,7 +8,7 @@ from enum import Enum
 from typing import Any
 
 from .errors import StrataError
-from .params import Params, in_words
+from .params import Params, in_words, with_target
 from .roles import Role, Subject
 from .score import Score
 from .shader import Shader
@@ -79,9 +79,9 @@ class Effect:
     reason why the scene does not need the effect, or None; `offers`: by role, what the picture and other
     effects may build on (`Recorder.ask`), recorded by `record(recorder, outline, params, of, *inputs)`;
     `shaders()` yields every GPU program that its steps may compile; `presets` are values by name, over the
-    defaults; `object_params` are what an object or a material may have of its own. Not `on_by_default`: a
-    style, which would cover the picture of a scene that never asked for it. `needs`: what a shot must have
-    for any of it.
+    defaults; `object_params` are what an object or a material may have of its own. `params` get a target
+    error where layers are measured. Not `on_by_default`: a style, which would cover the picture of a scene
+    that never asked for it. `needs`: what a shot must have for any of it.
 
     `ruled_out(kind, light, params, has_media)`: whether no frame can need a layer of that kind as long as the
     lamp and the parameters are these, whatever moves; either is None where it may change, and a light's place
@@ -107,6 +107,9 @@ class Effect:
         for kind in self.layers:
             if kind.role.is_exclusive and kind.role not in self.offers:
                 raise ValueError(f"'{kind.title}' is {kind.role.value}, which '{self.id}' does not offer")
+        if measured := [kind for kind in self.layers if kind.score]:
+            of_lamps = any(kind.of is Subject.LAMP for kind in measured)
+            object.__setattr__(self, "params", with_target(self.params, of_lamps))
 
     @property
     def title(self) -> str:

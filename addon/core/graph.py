@@ -166,7 +166,8 @@ class PlannedLayer:
     block its light into view. `weight`: what its samples weigh, None where all weigh the same, and
     `weighed_by` what that is (Weight in core/weight.py); `depth`: how far away an OVER layer is at each
     pixel, metres. `joins`: not so where the picture takes the same from another effect. `is_whole`: not so
-    where other graphs' layers of that name are still to be added to it."""
+    where other graphs' layers of that name are still to be added to it. `target_error`: what its lamp or its
+    effect asks for, 0: nothing."""
 
     name: str
     effect: str
@@ -182,6 +183,7 @@ class PlannedLayer:
     joins: bool = True
     is_whole: bool = True
     pass_name: str = ""
+    target_error: float = 0.0
 
     @property
     def roots(self) -> tuple[Node, ...]:

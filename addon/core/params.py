@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache
-from typing import Any, get_type_hints
+from typing import Any, ClassVar, get_type_hints
 
 from .conditions import ALWAYS, Condition, When, both
 from .errors import StrataError
@@ -177,7 +177,10 @@ def _spec(name: str, kind: type, default: Any, metadata: dict[str, Any]) -> Para
 
 @dataclass(frozen=True)
 class Params:
-    """Base of an effect's parameters: a frozen dataclass of `param` fields."""
+    """Base of an effect's parameters: a frozen dataclass of `param` fields. `target_error` is one of them
+    where the effect's layers are measured (`with_target`)."""
+
+    target_error: ClassVar[float] = 0.0
 
     @classmethod
     @cache
@@ -216,6 +219,24 @@ class Params:
         """Plain values, for JSON."""
         values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
         return {name: plain(value) for name, value in values.items()}
+
+
+def with_target[P: Params](params: type[P], per_light: bool) -> type[P]:
+    """The same parameters and a target error of their own."""
+    if any(spec.name == "target_error" for spec in params.specs()):
+        return params
+    target = param(
+        0.0,
+        hard=(0.0, 0.99),
+        soft=(0.0, 0.1),
+        per_light=per_light,
+        doc="Its layers get as many samples as bring their error down to this, in place of the bake's target "
+        "error; 0: the bake's",
+    )
+    fields = [("target_error", float, target)]
+    return dataclasses.make_dataclass(
+        params.__name__, fields, bases=(params,), frozen=True, module=params.__module__
+    )
 
 
 def plain(value: Any) -> Any:

@@ -143,8 +143,16 @@ class Recorder:
             depth=depth,
             joins=self._joins(kind, of),
             pass_name=pass_name,
+            target_error=self._target_error(of) if effect else 0.0,
         )
         self._layers.append(layer)
+
+    def _target_error(self, of: Of) -> float:
+        """The lamp's own, or else the effect's."""
+        own = self.params
+        if of.is_lamp:
+            own = self.outline.lights[of.index].params_for(self.effect.id, self.params)
+        return own.target_error or self.params.target_error
 
     def put_in_colour(self) -> None:
         """Makes declared layers colours, where they may be (LayerKind.in_colour)."""

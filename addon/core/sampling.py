@@ -97,11 +97,11 @@ def _transported(pixel_filter: PixelFilter, offsets: np.ndarray, rounds: int, he
 
 
 @cache
-def passes_up_to(most: int) -> tuple[int, ...]:
+def passes_up_to(most: int, *others: int) -> tuple[int, ...]:
     """Samples that a pixel has after each pass of a bake that goes on until there are enough, the last
-    `most`: four passes to a doubling, so that no bake takes many more than it needs."""
+    `most`: four passes to a doubling, so that no bake takes many more than it needs, and `others` between."""
     passes = [*FIRST_PASSES, *(quarters << power for power in range(1, 16) for quarters in range(4, 8))]
-    return (*(each for each in passes if each < most), most)
+    return tuple(sorted({each for each in (*passes, *others) if each < most} | {most}))
 
 
 @cache

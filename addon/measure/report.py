@@ -193,6 +193,8 @@ class Report:
             "size": list(self.size),
             "seconds": rounded(self.seconds),
             "compile_seconds": rounded(self.compile_seconds),
+            "target_error": rounded(self.target_error),
+            "time_budget_s": rounded(self.time_budget_s),
             "steps": [step.to_json() for step in self.steps],
             "layers": [layer.to_json() for layer in self.layers],
             "left_out": [{"what": what, "reason": reason} for what, reason in self.left_out],

@@ -24,8 +24,8 @@ class Target:
         return self.seen <= self.error
 
     def to_json(self) -> dict[str, Any]:
-        seen = float(f"{self.seen:.4g}")
-        return {"error": self.error, "seen": seen, "reached": self.reached}
+        error, seen = (float(f"{each:.4g}") for each in (self.error, self.seen))
+        return {"error": error, "seen": seen, "reached": self.reached}
 
 
 @dataclass(frozen=True)

@@ -200,7 +200,7 @@ class Viewport:
         self._count(execution, started)
         statistics = self.statistics
         statistics.scale, statistics.map_share = scale, map_share
-        statistics.of_samples = options.samples
+        statistics.of_samples = (passes_of(graph, options) or (options.samples,))[-1]
         statistics.noise = resolution_noise(value) if device.name == "cpu" else None
         costs = [0.0, 0.0]
         for timing in execution.timings.values():
@@ -246,13 +246,16 @@ class Viewport:
             return None
         graph = replace(graph, layers=(layer,))
         place = placement.place(*placement.sizes(1.0))
+        passes = passes_of(graph, options)
+        most = passes[-1] if passes else options.samples
+        target = options.target_of(layer) or options.target_error
         sampling = Sampling(
             *graph.shot.computed_size,
-            options.samples,
+            most,
             graph.shot.pixel_filter,
             tile_pixels=TILE_PIXELS,
             is_progressive=True,
-            passes=passes_of(options),
+            passes=passes,
         )
         sampling = fitted(sampling, graph.nodes())
         executor, epoch, execution = session.executor, next(_epochs), Execution()
@@ -279,10 +282,10 @@ class Viewport:
                 self._put(picture, (film, samples, of_samples) if has_spread else None)
                 self._count(execution, started)
                 self.statistics.has_spread = has_spread
-                self.statistics.samples, self.statistics.of_samples = samples, options.samples
+                self.statistics.samples, self.statistics.of_samples = samples, most
                 self.statistics.noise = noise = _noise(film, samples, of_samples)
-                is_enough = samples == of_samples and noise is not None and noise <= options.target_error
-                self.statistics.is_converged = is_enough or samples == options.samples
+                is_enough = samples == of_samples and noise is not None and noise <= target
+                self.statistics.is_converged = is_enough or samples == most
                 if self.statistics.is_converged:
                     break
                 if is_late:

@@ -15,13 +15,13 @@ from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
 from . import boxes
 from .output import told_output, waits_for_saving
-from .rows import parameters
+from .rows import has_own_targets, parameters
 from .state import STATE, PlanRow
 
 LETTER_PIXELS = 7.2  # of the interface's font at scale 1, on average
 COMPOSITE = "Composite"
 _CHOOSES = ("target_error", "time_budget_s")
-_BAKED = ("backend", *_CHOOSES, "samples", "weight", "rgb_layers", "read", "read_texels")
+_BAKED = ("backend", *_CHOOSES, "samples", "most_samples", "weight", "rgb_layers", "read", "read_texels")
 _MEASURED = ("probes", "error_images", "audit")
 _LIGHT_ICONS = {"POINT": "LIGHT_POINT", "SUN": "LIGHT_SUN", "SPOT": "LIGHT_SPOT", "AREA": "LIGHT_AREA"}
 
@@ -109,13 +109,16 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
     settings = context.scene.strata
     column = layout.column()
     column.active = not STATE.is_baking
-    chooses = any(getattr(settings, name) for name in _CHOOSES)
+    hidden = {"read_texels"} if settings.read != Read.EXACT.value else set()
+    is_chosen = any(getattr(settings, name) for name in _CHOOSES)
+    hidden |= {"samples"} if is_chosen else set()
+    hidden |= set() if is_chosen or has_own_targets(context.scene) else {"most_samples"}
     for name in (*_BAKED, *_MEASURED, "memory_gb"):
-        if name == "read_texels" and settings.read != Read.EXACT.value:
+        if name in hidden:
             continue
         row = column.row()
         row.active = name != "error_images" or settings.probes > 0
-        row.prop(settings, "most_samples" if name == "samples" and chooses else name)
+        row.prop(settings, name)
     column.separator()
     column.prop(settings, "save_to")
     if settings.save_to != "IMAGES":

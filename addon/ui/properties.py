@@ -46,18 +46,24 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
         }
         for effect in EFFECTS
     }
-    for effect_id, given in (overrides.pop("values", None) or {}).items():
+    given_values = overrides.pop("values", None) or {}
+    for effect_id, given in given_values.items():
         values[effect_id] = values.get(effect_id, {}) | given
-    target_error, budget_s = (
-        getattr(settings, name) if overrides.get(name) is None else overrides[name]
-        for name in ("target_error", "time_budget_s")
+    samples = overrides.get("samples")
+    # Who says how many, and nothing of an error or a time, gets so many.
+    is_said = samples is not None and not (
+        overrides.get("target_error")
+        or overrides.get("time_budget_s")
+        or any("target_error" in given for given in given_values.values())
     )
     options = {
         "effects": tuple(effect.id for effect in EFFECTS if getattr(settings, effect.id).enabled),
         "backend": preferences.backend_of(settings),
-        "samples": settings.most_samples if target_error or budget_s else settings.samples,
-        "target_error": target_error,
-        "time_budget_s": budget_s,
+        "samples": settings.samples,
+        "most_samples": settings.most_samples if samples is None else samples,
+        "target_error": 0.0 if is_said else settings.target_error,
+        "time_budget_s": 0.0 if is_said else settings.time_budget_s,
+        "heeds_own_targets": not is_said,
         "weight": settings.weight,
         "rgb_layers": settings.rgb_layers,
         "read": settings.read,
@@ -215,13 +221,14 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
         ),
         "samples": bpy.props.IntProperty(
             name="Samples",
-            description="Jittered surfaces per pixel. More is slower and has smoother edges",
+            description="Jittered surfaces per pixel, of layers without a target error. More is slower, and "
+            "edges are smoother",
             default=8, min=1, max=MOST_SAMPLES, soft_max=64,
         ),
         "target_error": bpy.props.FloatProperty(
             name="Target Error",
             description="Each layer gets as many samples as bring its error down to this share of the "
-            "brightness. 0: all get as many samples as are set",
+            "brightness. Effects and lights may have their own. 0: as many samples as are set",
             default=0.0, min=0.0, max=0.99, soft_max=0.1, step=1, precision=3,
         ),
         "time_budget_s": bpy.props.FloatProperty(
@@ -232,7 +239,7 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
         ),
         "most_samples": bpy.props.IntProperty(
             name="Most Samples",
-            description="No layer gets more samples than this, whatever its error is",
+            description="No layer that has a target error, or a time budget, gets more samples than this",
             default=64, min=1, max=MOST_SAMPLES, soft_max=256,
         ),
         "weight": bpy.props.EnumProperty(

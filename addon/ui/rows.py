@@ -9,6 +9,7 @@ import bpy
 from ..core.effect import Effect
 from ..core.params import NO_GROUP, Group, ParamSpec
 from ..core.ramp import Ramp
+from ..effects.registry import EFFECTS
 from ..scene.own_settings import casts_shadow, is_composited, own_specs
 from . import boxes
 
@@ -72,6 +73,13 @@ def _own(scene: bpy.types.Scene, owner: str) -> dict[Effect, tuple[ParamSpec, ..
 def has_own(scene: bpy.types.Scene, owner: str) -> bool:
     """Whether one of OWNERS has settings of its own to show."""
     return bool(_own(scene, owner))
+
+
+def has_own_targets(scene: bpy.types.Scene) -> bool:
+    """Whether an effect or a light asks for a target error of its own."""
+    lights = (light for light in bpy.data.lights if light.is_property_set("strata"))
+    groups = [scene.strata, *(light.strata for light in lights if light.strata.use_own)]
+    return any(getattr(getattr(each, e.id, None), "target_error", 0.0) for each in groups for e in EFFECTS)
 
 
 def own_settings(layout: bpy.types.UILayout, data: bpy.types.ID, owner: str, scene: bpy.types.Scene) -> None:

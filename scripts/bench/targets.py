@@ -103,7 +103,7 @@ def baked_to(name: str, options: Options, size: tuple[int, int]) -> Iterator[Rea
         Measuring.errors, Measuring.watch = errors, watch
         begun = time.process_time()
         try:
-            aimed = replace(options, samples=MOST_SAMPLES, target_error=target, probes=1)
+            aimed = replace(options, most_samples=MOST_SAMPLES, target_error=target, probes=1)
             report = bake(*where, aimed, size=size).report
         finally:
             Measuring.errors, Measuring.watch = own_errors, own_watch

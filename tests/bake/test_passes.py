@@ -31,7 +31,7 @@ def two_lamps():
 
 def bake(scene=None, **options) -> Baked:
     outline, arrays = scene or two_lamps()
-    given = {"samples": 64, "target_error": 0.008, "probes": 0, "effects": ("soft_shadow",)}
+    given = {"most_samples": 64, "target_error": 0.008, "probes": 0, "effects": ("soft_shadow",)}
     chosen = Options(backend="cpu", **given | options)
     return BakeJob(outline, plan_scene(outline, FROM_ABOVE, chosen), arrays, chosen).result()
 
@@ -117,7 +117,7 @@ def test_the_error_is_at_the_target():
 
 def test_what_more_samples_do_not_lower_is_told():
     coarse = {"soft_shadow": {"method": "area", "resolution": 128}}
-    baked = bake(target_error=0.005, samples=64, values=coarse, probes=512)
+    baked = bake(target_error=0.005, values=coarse, probes=512)
     told = [layer for layer in baked.report.layers if not layer.target.reached]
     assert told
     for layer in told:
@@ -127,7 +127,7 @@ def test_what_more_samples_do_not_lower_is_told():
 
 
 def test_most_samples_are_told():
-    baked = bake(target_error=0.001, samples=6)
+    baked = bake(target_error=0.001, most_samples=6)
     assert set(samples_of(baked).values()) == {6}
     assert all("6 samples at most" in layer.target_words for layer in baked.report.layers)
 
@@ -152,6 +152,48 @@ def test_a_bake_without_a_target_has_the_samples_it_was_told():
     plain = bake(target_error=0.0, samples=3)
     assert set(samples_of(plain).values()) == {3}
     assert all(layer.target is None and not layer.in_passes for layer in plain.report.layers)
+
+
+OWN = (("soft_shadow", "target_error", 0.01),)
+"""A lamp's."""
+
+
+def with_own(outline, *of_lamps):
+    lights = zip(outline.lights, of_lamps, strict=True)
+    return replace(outline, lights=tuple(replace(light, own_settings=own) for light, own in lights))
+
+
+def test_a_lamp_has_a_target_of_its_own():
+    """Others have exactly as many samples as are set, also a number that is no pass by itself."""
+    outline, arrays = two_lamps()
+    scene = with_own(outline, OWN, ()), arrays
+    crisp, _ = samples_of(bake(target_error=0.01)).values()
+    baked = bake(scene, target_error=0.0, samples=7)
+    own, other = baked.report.layers
+    assert (own.target.error, own.target.reached, other.target) == (0.01, True, None)
+    assert crisp - 4 <= own.samples <= crisp + 4  # offsets differ where there is a pass of 7
+    assert own.samples > other.samples == 7
+    again = bake(target_error=0.0, samples_of=samples_of(baked))
+    assert all(np.array_equal(*pair) for pair in zip(pixels_of(baked), pixels_of(again), strict=True))
+    few = bake(scene, target_error=0.0, samples=3, heeds_own_targets=False)
+    assert set(samples_of(few).values()) == {3}
+
+
+def test_a_lamp_goes_before_its_effect_and_that_before_the_bake():
+    outline, arrays = two_lamps()
+    values = {"soft_shadow": {"target_error": 0.03}}
+    scene = with_own(outline, OWN, (("soft_shadow", "target_error", 0.0),)), arrays
+    for target in (0.0, 0.004):
+        own, other = bake(scene, target_error=target, values=values).report.layers
+        assert (own.target.error, other.target.error) == (0.01, 0.03)
+        assert own.samples > other.samples == 4
+
+
+def test_an_own_target_counts_beside_a_budget():
+    outline, arrays = two_lamps()
+    scene = with_own(outline, (("soft_shadow", "target_error", 0.1),), ()), arrays
+    own, other = bake(scene, target_error=0.0, time_budget_s=1e6, most_samples=12).report.layers
+    assert (own.samples, other.samples) == (4, 12)
 
 
 @pytest.mark.parametrize("target", [-0.1, 1.0])

@@ -280,6 +280,8 @@ def test_frames_have_what_the_first_chose_and_so_may_others(tmp_path):
     assert "cannot read" in strata("bake", blend, "-o", tmp_path / "x.exr", *nowhere, check=2).stderr
     both = ("--settings-from", tmp_path / "f_01.json", "--samples", "8")
     assert "--samples: " in strata("bake", blend, "-o", tmp_path / "x.exr", *both, check=2).stderr
+    both = (*both[:2], "--set", "soft_shadow.target_error=.1")
+    assert "target_error: " in strata("bake", blend, "-o", tmp_path / "x.exr", *both, check=2).stderr
 
 
 def test_frames_have_what_the_first_with_anything_in_view_chose(tmp_path):

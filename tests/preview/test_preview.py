@@ -130,7 +130,7 @@ def test_refining_ends_once_the_noise_is_at_the_target():
     """After a pass, and with fewer samples where more noise will do."""
     counts = []
     for target in (0.2, 0.01):
-        watched = two_lights("cpu", samples=64, target_error=target)
+        watched = two_lights("cpu", most_samples=64, target_error=target)
         watched.draw()
         watched.settle()
         told = watched.viewport.statistics

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import bpy
+import pytest
 from strata.addon.bake import read_scene
 from strata.addon.planning import Options
 from strata.addon.scene.open import open_blend
+from strata.addon.ui.properties import options_of
+from strata.addon.ui.rows import has_own_targets
 from strata.tests.support.places import SAMPLES
 
 
@@ -30,6 +33,25 @@ def test_a_lights_own_settings_go_over_the_scenes():
     lamp.strata.use_own = True
     assert own_resolutions(scene, 1) == {**first, name: 256}
     assert others
+
+
+def test_a_light_and_an_effect_have_target_errors_of_their_own():
+    open_blend(SAMPLES / "courtyard.blend")
+    scene = bpy.context.scene
+    lamp = bpy.data.objects["Sun"].data
+    lamp.strata.use_own = True
+    lamp.strata.soft_shadow.target_error = 0.004
+    scene.strata.soft_shadow.target_error = 0.01
+    assert has_own_targets(scene)
+    _, graph, _, _ = read_scene(scene, scene.view_layers[0], options_of(scene))
+    found = {layer.light: layer.target_error for layer in graph.layers if layer.effect == "soft_shadow"}
+    assert found.pop("Sun") == pytest.approx(0.004)
+    assert found
+    assert all(target == pytest.approx(0.01) for target in found.values())
+    others = [layer for layer in graph.layers if layer.effect != "soft_shadow"]
+    assert not any(layer.target_error for layer in others)
+    lamp.strata.use_own, scene.strata.soft_shadow.target_error = False, 0.0
+    assert not has_own_targets(scene)
 
 
 def test_a_lights_own_settings_can_be_animated_and_driven():

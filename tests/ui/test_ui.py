@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import bpy
@@ -219,6 +220,23 @@ def test_scenes_take_the_preferences_device_and_budget_unless_they_have_their_ow
     assert frame_budget_ms_of(scene) == 50.0
 
 
+def test_a_number_of_samples_is_kept_unless_an_error_or_a_time_is_asked_for_too(scene):
+    scene.strata.target_error, scene.strata.time_budget_s = 0.01, 5.0
+    assert (options_of(scene).target_error, options_of(scene).heeds_own_targets) == (
+        pytest.approx(0.01),
+        True,
+    )
+    alone = options_of(scene, samples=8)
+    assert (alone.samples, alone.target_error, alone.time_budget_s) == (8, 0.0, 0.0)
+    assert not alone.heeds_own_targets
+    for asked in ({"target_error": 0.02}, {"time_budget_s": 1.0}):
+        most = options_of(scene, samples=32, **asked)
+        assert (most.most_samples, most.heeds_own_targets) == (32, True)
+        assert most.target_error == asked.get("target_error", pytest.approx(0.01))
+    own = options_of(scene, samples=32, values={"soft_shadow": {"target_error": ".02"}})
+    assert (own.most_samples, own.heeds_own_targets) == (32, True)
+
+
 def test_the_preview_has_samples_of_its_own_if_asked(scene):
     settings = scene.strata
     settings.samples = 6
@@ -227,6 +245,7 @@ def test_the_preview_has_samples_of_its_own_if_asked(scene):
     assert settings.preview.samples > 0
     settings.preview.samples = 6
     # Nothing else differs, so that where the samples are equal the preview ends at the bake's picture.
-    assert preview_options(scene) == options_of(scene, composite=True, probes=0)
+    own = replace(preview_options(scene), most_samples=settings.most_samples, heeds_own_targets=True)
+    assert own == options_of(scene, composite=True, probes=0)
     settings.preview.samples = 2
     assert (preview_options(scene).samples, options_of(scene).samples) == (2, 6)

@@ -28,8 +28,15 @@ EFFECT = Effect(
     source="Bavoil, thesis, chapter 5; Schwarz and Stamminger 2007 (bitmask)",
     shaders=variants,
     presets={
-        "Draft": {"layers": 2, "resolution": 512, "max_samples": 128, "spacing": 2},
+        "Draft": {"target_error": 0.05, "layers": 2, "resolution": 512, "max_samples": 128, "spacing": 2},
         "Default": {},
-        "Best": {"method": Method.HYBRID, "layers": 4, "resolution": 2048, "max_samples": 2048, "rays": 256},
+        "Best": {
+            "target_error": 0.01,
+            "method": Method.HYBRID,
+            "layers": 4,
+            "resolution": 2048,
+            "max_samples": 2048,
+            "rays": 256,
+        },
     },
 )
