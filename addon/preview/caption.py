@@ -5,6 +5,7 @@ from __future__ import annotations
 import blf
 import numpy as np
 
+from ..core.params import in_words
 from ..measure.verdict import Verdict, advice, percent, verdict
 from . import noise_map
 from .viewport import Statistics
@@ -26,7 +27,7 @@ def lines(statistics: Statistics) -> list[str]:
         return [f"Strata: {statistics.message}"]
     if statistics.samples:
         state = "converged" if statistics.is_converged else "refining"
-        state = "at its time limit" if statistics.is_out_of_time else state
+        state = f"at its {in_words(statistics.out_of).lower()}" if statistics.out_of else state
         first = f"{state}, {statistics.samples} of {statistics.of_samples} samples"
     else:
         first = f"{statistics.frame_ms:.0f} ms, 1/{round(1.0 / statistics.scale)} resolution"
@@ -55,7 +56,7 @@ def _told_noise(statistics: Statistics) -> str:
     gets better by itself."""
     found = verdict(statistics.noise)
     words = f"noise {percent(statistics.noise)}, {found.value}"
-    lower = "samples" if statistics.is_converged else "time_limit" if statistics.is_out_of_time else ""
+    lower = "samples" if statistics.is_converged else statistics.out_of
     if lower and found is not Verdict.INVISIBLE:
         words += f": {advice((lower,))}"
     return words

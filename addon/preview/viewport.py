@@ -35,12 +35,12 @@ _epochs = count(1)
 
 @dataclass
 class Statistics:
-    """Of what a viewport shows. `frame_ms`: from the change to the picture. `steps`: milliseconds and runs by
-    step and instance, of the last frame, or of the refinement so far. `ran`: how many nodes that were.
+    """Of what a viewport shows. `frame_ms`: from the change to the picture. `steps`: milliseconds and runs
+    by step and instance, of the last frame, or of the refinement so far. `ran`: how many nodes that were.
     `noise`: estimated distance to a picture of any number of samples, as a share of its brightness
-    (`estimate.py`); `is_out_of_time`: it is not refined any further; `message` stands for a picture where
-    there is none, and `has_failed` says that it ought to be there; `layers` names what could be shown;
-    `has_spread`: there are samples enough for a map of their noise."""
+    (`estimate.py`); `out_of`: the setting whose time is up, so that it is not refined any further;
+    `message` stands for a picture where there is none, and `has_failed` says that it ought to be there;
+    `layers` names what could be shown; `has_spread`: there are samples enough for a map of their noise."""
 
     frame_ms: float = 0.0
     scale: float = 1.0
@@ -49,7 +49,7 @@ class Statistics:
     of_samples: int = 0
     noise: float | None = None
     is_converged: bool = False
-    is_out_of_time: bool = False
+    out_of: str = ""
     ran: int = 0
     steps: dict[tuple[str, str], tuple[float, int]] = field(default_factory=dict)
     message: str = ""
@@ -115,7 +115,7 @@ class Viewport:
         longest_s: float = 0.0,
     ) -> bool:
         """Makes a frame if anything has changed since the last; whether it did. Its refinement ends with the
-        first sample that is done after `longest_s`; 0: with the last one."""
+        first sample that is done after `longest_s`, or the options' time budget; 0: with the last one."""
         asked = (session.version, placement, options, layer, longest_s)
         if asked == self._asked:
             return False
@@ -261,6 +261,8 @@ class Viewport:
         executor, epoch, execution = session.executor, next(_epochs), Execution()
         takes = [replace(take, has_squares=True) for take in takes_of(graph)]
         shown = started
+        limits = {"time_limit": longest_s, "time_budget": options.time_budget_s}
+        limit_s, limit = min(((each, name) for name, each in limits.items() if each), default=(0.0, ""))
         for chunk in sampling.chunks():
             for _share in executor.frame(graph, chunk, epoch, execution):
                 yield
@@ -271,7 +273,7 @@ class Viewport:
             of_samples = chunk.samples  # all, or those after this pass
             is_worth = samples == of_samples or samples & (samples - 1) == 0
             is_worth = is_worth or time.perf_counter() - shown > LONGEST_SECONDS_BETWEEN
-            is_late = 0.0 < longest_s < time.perf_counter() - started
+            is_late = 0.0 < limit_s < time.perf_counter() - started
             if chunk.y1 == sampling.height and (is_worth or is_late):
                 shown = time.perf_counter()
                 for _ in executor.develop(graph, takes, execution):
@@ -289,7 +291,7 @@ class Viewport:
                 if self.statistics.is_converged:
                     break
                 if is_late:
-                    self.statistics.is_out_of_time = True
+                    self.statistics.out_of = limit
                     break
             yield
         return graph

@@ -85,7 +85,7 @@ def test_nothing_is_ever_said_to_have_no_error():
 def test_the_preview_says_noise_and_what_lowers_it_once_it_is_done():
     still = Statistics(samples=8, of_samples=8, is_converged=True, noise=0.03)
     assert caption.lines(still)[1] == "noise 3.0%, visible: lower it with Samples"
-    out_of_time = Statistics(samples=2, of_samples=8, is_out_of_time=True, noise=0.03)
+    out_of_time = Statistics(samples=2, of_samples=8, out_of="time_limit", noise=0.03)
     assert caption.lines(out_of_time)[1] == "noise 3.0%, visible: lower it with Time Limit"
     refining = Statistics(samples=2, of_samples=8, noise=0.03)
     assert caption.lines(refining)[1] == "noise 3.0%, visible"  # it gets better by itself

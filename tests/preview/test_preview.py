@@ -115,15 +115,24 @@ def test_refining_stops_at_its_time_limit_after_a_whole_sample():
     watched.settle()
     told = watched.viewport.statistics
     assert (told.samples, told.of_samples, told.is_converged) == (1, 4, False)
-    assert told.is_out_of_time
-    assert "time limit, 1 of 4" in caption.lines(told)[0]
+    assert "at its time limit, 1 of 4" in caption.lines(told)[0]
     first = watched.viewport.picture.pixels.copy()
     watched.longest_s = 0.0
     watched.draw()
     watched.settle()
     assert watched.viewport.statistics.is_converged
-    assert not watched.viewport.statistics.is_out_of_time
+    assert not watched.viewport.statistics.out_of
     assert np.abs(watched.viewport.picture.pixels - first).max() > 0.0
+
+
+def test_refining_ends_with_the_time_budget_of_a_bake():
+    watched = two_lights("cpu", time_budget_s=1e-6)
+    watched.longest_s = 1e6
+    watched.draw()
+    watched.settle()
+    told = watched.viewport.statistics
+    assert (told.samples, told.of_samples, told.out_of) == (1, 64, "time_budget")
+    assert caption.lines(told)[0] == "Strata: at its time budget, 1 of 64 samples"
 
 
 def test_refining_ends_once_the_noise_is_at_the_target():
