@@ -32,6 +32,7 @@ from .measure.budget import SHARE, MeasuringOutlook
 from .measure.kept_samples import pixels_to_keep
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured
+from .measure.target import Chosen, Target
 from .measuring import Measuring, unless_cancelled
 from .passes import Passes
 from .planning import Options, groups_of, plan_scene, sampling_of
@@ -238,7 +239,7 @@ class BakeJob:
             memory=self.memory,
             warnings=[*self._warnings, *shortage, *execution.warnings],
             samples=options.samples,
-            chosen_samples=passes.chosen,
+            chosen_samples={**passes.chosen, **self._chosen_before(graph, passes.chosen, errors)},
             watching_seconds=self._measuring.watching_seconds if self._measuring else {},
             target_error=options.target_error,
             time_budget_s=options.time_budget_s,
@@ -249,6 +250,18 @@ class BakeJob:
         )
         self._results.append(baked)
         self._layers_bytes += self.memory.layers
+
+    def _chosen_before(
+        self, graph: Graph, chosen: dict[str, Chosen], errors: dict[str, LayerError | NotMeasured]
+    ) -> dict[str, Chosen]:
+        """Where nobody looked, since samples were chosen before, the measured error tells of the target."""
+        found = {}
+        for layer in graph.layers if self.options.samples_of else ():
+            target, error = self.options.asked_of(layer), errors.get(layer.name)
+            if target and isinstance(error, LayerError):
+                seen, least = (layer.kind.score.rms(each) for each in (error.value, error.ci95[0]))
+                found[layer.name] = replace(chosen[layer.name], target=Target(target, seen, least=least))
+        return found
 
     def _show_progress(self) -> None:
         """`progress` is the share of the expected time that has passed, and never falls. Faces count from

@@ -99,9 +99,12 @@ class Options:
         return {effect: self._params_of(effect) for effect in effects}
 
     def target_of(self, layer: PlannedLayer) -> float:
-        """What the error of a layer is to come down to; 0: it has as many samples as are set, since it has no
-        target, or nobody could tell how far it is, or it was chosen before."""
-        if self.samples_of or not layer.kind.score or layer.node.rate != Rate.SAMPLE:
+        """What samples of a layer are chosen for; 0: it has as many as are set, or as were chosen before."""
+        return 0.0 if self.samples_of else self.asked_of(layer)
+
+    def asked_of(self, layer: PlannedLayer) -> float:
+        """What the error of a layer is to come down to; 0: nobody asks, or could tell how far it is."""
+        if not layer.kind.score or layer.node.rate != Rate.SAMPLE:
             return 0.0
         return (layer.target_error if self.heeds_own_targets else 0.0) or self.target_error
 

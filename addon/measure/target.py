@@ -12,16 +12,19 @@ from .verdict import percent
 @dataclass(frozen=True)
 class Target:
     """`error`: what it was to be, root mean square; `seen`: what it is by the pixels that decided (watch.py);
-    `is_stuck`: more samples no longer lowered it; `is_late`: there was no time for more of them."""
+    `is_stuck`: more samples no longer lowered it; `is_late`: there was no time for more of them. Where
+    samples were chosen before, `seen` is the reported error, and `least` the low end of its interval."""
 
     error: float
     seen: float
     is_stuck: bool = False
     is_late: bool = False
+    least: float | None = None
 
     @property
     def reached(self) -> bool:
-        return self.seen <= self.error
+        """As far as one can tell."""
+        return (self.seen if self.least is None else self.least) <= self.error
 
     def to_json(self) -> dict[str, Any]:
         error, seen = (float(f"{each:.4g}") for each in (self.error, self.seen))
@@ -43,9 +46,11 @@ def told(chosen: Chosen, method: float | None, advice: str) -> str:
     if target is None or target.reached:
         return ""
     aim = f"{100.0 * target.error:.2g}%"
+    count = f"{chosen.samples} samples" if chosen.samples > 1 else "one sample"
+    if target.least is not None:
+        return f"off by {percent(target.seen)}, target {aim}: {count} as chosen before, and not enough"
     off = f"by the pixels that decide off by {percent(target.seen)}, target {aim}: "
     lower = f": {advice}" if advice else ""
-    count = f"{chosen.samples} samples" if chosen.samples > 1 else "one sample"
     if target.is_stuck and method is not None and method > target.error:
         return f"{off}the method cannot go below {percent(min(method, target.seen))}{lower}"
     if target.is_stuck:

@@ -126,6 +126,18 @@ def test_what_more_samples_do_not_lower_is_told():
         assert "Method Hybrid" in layer.target_words or "Map Size" in layer.target_words
 
 
+def test_what_was_chosen_before_says_whether_it_is_enough():
+    """By the error that is reported, since nobody looks beforehand: for later frames of a sequence."""
+    few = dict.fromkeys(samples_of(bake(target_error=0.03)), 1)
+    for target, reached in ((0.004, False), (0.2, True)):
+        for layer in bake(target_error=target, samples_of=few, probes=256).report.layers:
+            assert layer.target.reached is reached
+            assert layer.target.seen == layer.error.value
+            words = f"target {100 * target:g}%: one sample as chosen before, and not enough"
+            assert (words in layer.target_words) is not reached
+    assert all(layer.target is None for layer in bake(samples_of=few).report.layers)  # nobody measures
+
+
 def test_most_samples_are_told():
     baked = bake(target_error=0.001, most_samples=6)
     assert set(samples_of(baked).values()) == {6}
