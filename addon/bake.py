@@ -243,6 +243,7 @@ class BakeJob:
             watching_seconds=self._measuring.watching_seconds if self._measuring else {},
             target_error=options.target_error,
             time_budget_s=options.time_budget_s,
+            placement=sampling.placement.value,
             error_images=self._measuring.images if self._measuring else {},
             sequence=self.sequence,
             missing=missing,

@@ -55,6 +55,7 @@ def put_together(
     chosen_samples: Mapping[str, Chosen],
     target_error: float,
     time_budget_s: float,
+    placement: str,
     watching_seconds: Mapping[str, float],
     error_images: dict[str, ErrorImage],
 ) -> Baked:
@@ -91,6 +92,7 @@ def put_together(
                 error,
                 params.as_dict(),
                 weight=layer.weighed_by,
+                placement=placement,
                 samples=chosen_samples[layer.name].samples if layer.name in chosen_samples else samples,
             )
         )
@@ -130,6 +132,7 @@ def put_together(
         chosen_samples=chosen_samples,
         target_error=target_error,
         time_budget_s=time_budget_s,
+        placement=placement,
     )
     width, height = shot.size
     raster = shot.source

@@ -167,7 +167,8 @@ class Measuring:
         if layer.name not in execution.samples_of:
             return None
         values = execution.samples_of[layer.name]
-        offsets = replace(self._sampling, samples=len(values)).jitters
+        rows, columns = np.divmod(execution.kept_pixels.astype(np.int64), self._sampling.width)
+        offsets = replace(self._sampling, samples=len(values)).offsets(np.stack([columns, rows], axis=1))
         return KeptSamples(execution.kept_pixels, values, offsets)
 
     def _started_rays(self) -> Generator[None, None, CpuRays]:

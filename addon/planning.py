@@ -13,6 +13,7 @@ from .core.free_memory import free_bytes
 from .core.graph import Graph, PlannedLayer, Rate
 from .core.memory import ROOM_BYTES, MemoryEstimate, in_groups, too_large
 from .core.outline import Outline
+from .core.placement import Placement, Places
 from .core.reach import fitted
 from .core.read import MOST_TEXELS, TEXELS, Read
 from .core.recorder import Recorder, plan
@@ -39,10 +40,10 @@ class Options:
     Blender has, 0: half of what is free, or less where more is of no use; `providers`: the effect to take
     a role from, where several offer it and a lamp asks for none; `keeps_unused` also makes their layers
     that the picture does not take; `weight`: what samples of layers that multiply weigh (Weight);
-    `rgb_layers`: lamps' shadows are in colour, each channel weighed by itself; `error_images`: each
-    measured layer gets an image of its error too; `read`: how materials are (Read), and `read_texels`:
-    how fine at most what Blender bakes of them is, texels a side of a mesh's picture; `registry`: the
-    effects that there are."""
+    `placement`: where in a pixel its samples lie (Placement); `rgb_layers`: lamps' shadows are in colour,
+    each channel weighed by itself; `error_images`: each measured layer gets an image of its error too;
+    `read`: how materials are (Read), and `read_texels`: how fine at most what Blender bakes of them is,
+    texels a side of a mesh's picture; `registry`: the effects that there are."""
 
     effects: tuple[str, ...] | None = None
     backend: str = "auto"
@@ -57,6 +58,7 @@ class Options:
     providers: dict[Role, str] = field(default_factory=dict)
     keeps_unused: bool = False
     weight: str = Weight.RADIANCE.value
+    placement: str = Placement.SHARED.value
     rgb_layers: bool = False
     error_images: bool = False
     read: str = Read.FAST.value
@@ -73,6 +75,8 @@ class Options:
             raise StrataError(f"memory: {self.memory_bytes} bytes are less than 0")
         if self.weight not in (names := [each.value for each in Weight]):
             raise StrataError(f"weight: '{self.weight}' is none of {', '.join(names)}")
+        if self.placement not in (names := [each.value for each in Placement]):
+            raise StrataError(f"placement: '{self.placement}' is none of {', '.join(names)}")
         if self.read not in (names := [each.value for each in Read]):
             raise StrataError(f"read: '{self.read}' is none of {', '.join(names)}")
         if not 1 <= self.read_texels <= MOST_TEXELS:
@@ -184,11 +188,17 @@ def passes_of(graph: Graph, options: Options) -> tuple[int, ...]:
     return passes_up_to(max((options.most_samples, *set_ones)), *set_ones)
 
 
+def places_of(shot: Shot, options: Options) -> Places | None:
+    """Each pixel's own, if it is to have them; texels of a chart share theirs."""
+    return Places.of(shot) if shot.has_eye and options.placement == Placement.PER_PIXEL.value else None
+
+
 def sampling_of(graph: Graph, options: Options) -> Sampling:
     shot = graph.shot
     passes = passes_of(graph, options) if shot.has_eye else ()
     samples = passes[-1] if passes else options.samples
-    sampling = Sampling(*shot.computed_size, samples, shot.pixel_filter, passes=passes)
+    places = places_of(shot, options)
+    sampling = Sampling(*shot.computed_size, samples, shot.pixel_filter, passes=passes, places=places)
     return fitted(sampling, graph.nodes())
 
 

@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 
 from ..addon.core.errors import StrataError
 from ..addon.core.params import ParamSpec
+from ..addon.core.placement import Placement
 from ..addon.core.read import MOST_TEXELS, Read
 from ..addon.core.sampling import MOST_SAMPLES
 from ..addon.core.weight import Weight
@@ -149,6 +150,9 @@ def build_parser(needs_scene: bool) -> Parser:
                       help="as many samples for each layer as this EXR or report says")  # fmt: skip
     bake.add_argument("--weight", choices=[each.value for each in Weight],
                       help="of samples, where layers multiply (default: the scene's)")  # fmt: skip
+    bake.add_argument("--placement", choices=[each.value for each in Placement],
+                      help="of samples: as all pixels have them, or each its own (default: "
+                      "the scene's)")  # fmt: skip
     bake.add_argument("--probes", type=whole_number(0, 1 << 20), metavar="N",
                       help="to measure the error at (default: the scene's, or 15%% of the time)")  # fmt: skip
     bake.add_argument("--error-images", action="store_true", default=None,

@@ -231,8 +231,8 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     from .chosen import taken_again
 
     plain = (
-        "effects", "backend", "samples", "target_error", "time_budget_s", "weight", "rgb_layers", "read",
-        "read_texels", "probes", "error_images", "seed",
+        "effects", "backend", "samples", "target_error", "time_budget_s", "weight", "placement", "rgb_layers",
+        "read", "read_texels", "probes", "error_images", "seed",
     )  # fmt: skip
     given = {name: getattr(arguments, name) for name in plain}
     given |= {"values": nested(arguments.set), "memory_bytes": arguments.memory}

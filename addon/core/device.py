@@ -47,6 +47,10 @@ class Device(Protocol):
     def texture(self, image: int) -> Any:
         """Texels (h, w, 4) of `outline.images[image]` as a value, None where they could not be read."""
 
+    def offsets(self, chunk: Chunk) -> Any:
+        """Where each of its pixels is sampled, (rows, columns, 2) float32 pixels from its centre as a value;
+        None where all share their jitter."""
+
     def to_host(self, value: Any) -> Any:
         """The same value made of numpy arrays (dicts, tuples and lists keep their shape)."""
 

@@ -22,7 +22,8 @@ class Layer:
     with no strides of one value (np.broadcast_to), which costs no memory and next to nothing to write.
     `of`: the lamp that it is of, or what else; `light` is that lamp's own name. `error` is the report's entry
     for this layer, `settings` the effect's parameters as plain values, `weight` what its samples weighed
-    (PlannedLayer.weighed_by), `samples` how many a pixel has.
+    (PlannedLayer.weighed_by), `samples` how many a pixel has, and `placement` where
+    (Placement in core/placement.py), empty where nobody sampled.
     `view_layer` is where it belongs, empty for the set's; `attributes`: what the file says of an image that
     is of no effect.
     """
@@ -38,6 +39,7 @@ class Layer:
     settings: dict[str, Any] = field(default_factory=dict)
     view_layer: str = ""
     weight: str = "none"
+    placement: str = ""
     samples: int = 0
     attributes: dict[str, str | float] = field(default_factory=dict)
 

@@ -11,13 +11,14 @@ from itertools import product
 
 import numpy as np
 
+from .pixel_filter import TABLE_LENGTH, distribution, filter_weight, quantiles
+from .placement import Placement, Places
 from .shot import PixelFilter
 from .surface import Chunk
 
 PIXELS_PER_TILE = 9 << 17  # bounds the memory that a surface takes; so many that an HD image has two tiles
 # Whole groups of rows as kernels share them among threads.
 TILE_ROWS = 48
-TABLE_LENGTH = 4096
 MOST_SAMPLES = 4096  # that anybody may ask for
 
 # Of more samples the plain set is as good, and moving them takes long.
@@ -27,20 +28,6 @@ FIRST_PASSES = 4, 5, 6
 EXTENDING_ROUNDS, PLACES = 200, 32
 PLASTIC = 1.0 / 1.32471795724474602596 ** np.array([1.0, 2.0])
 """Steps of a sequence that is well spread wherever it begins: powers of the plastic number (Roberts' R2)."""
-
-
-def filter_weight(pixel_filter: PixelFilter, x: np.ndarray) -> np.ndarray:
-    """The filter's weight `x` pixels from the centre along one axis (the filters are separable). Same shapes
-    as Cycles', so that a layer multiplies onto its image without fringes. Float64."""
-    t = np.abs(np.asarray(x, np.float64)) / pixel_filter.radius
-    if pixel_filter.kind == "BOX":
-        weight = np.ones_like(t)
-    elif pixel_filter.kind == "GAUSSIAN":
-        weight = np.exp(-2.0 * (3.0 * t) ** 2)
-    else:  # Blackman-Harris, four terms
-        phase = np.pi * (t + 1.0)
-        weight = 0.35875 - 0.48829 * np.cos(phase) + 0.14128 * np.cos(2 * phase) - 0.01168 * np.cos(3 * phase)
-    return np.where(t <= 1.0, weight, 0.0)
 
 
 @cache
@@ -58,7 +45,7 @@ def jitters(pixel_filter: PixelFilter, samples: int) -> np.ndarray:
         bit *= 0.5
     # A ranked Hammersley set, centred for any count.
     rank = np.argsort(np.argsort(radical))
-    offsets = _quantiles(pixel_filter, (np.stack([index, rank], axis=1) + 0.5) / samples)
+    offsets = quantiles(pixel_filter, (np.stack([index, rank], axis=1) + 0.5) / samples)
     if 1 < samples <= MOST_RELAXED and pixel_filter.radius > 0.0:
         offsets = _relaxed(pixel_filter, offsets)
     offsets.flags.writeable = False
@@ -75,14 +62,14 @@ def _relaxed(pixel_filter: PixelFilter, offsets: np.ndarray) -> np.ndarray:
     rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
     offsets = _transported(pixel_filter, offsets @ rotation.T, ROUNDS)
     ranks = np.argsort(np.argsort(offsets, axis=0), axis=0)
-    return _quantiles(pixel_filter, (ranks + 0.5) / samples)
+    return quantiles(pixel_filter, (ranks + 0.5) / samples)
 
 
 def _transported(pixel_filter: PixelFilter, offsets: np.ndarray, rounds: int, held: int = 0) -> np.ndarray:
     """All but the first `held`, moved until the projections of all follow the filter's."""
     angles = np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
     directions = np.stack([np.cos(angles), np.sin(angles)])
-    grid = _quantiles(pixel_filter, np.stack([(np.arange(GRID) + 0.5) / GRID] * 2, axis=1))
+    grid = quantiles(pixel_filter, np.stack([(np.arange(GRID) + 0.5) / GRID] * 2, axis=1))
     filtered = np.stack(np.meshgrid(*grid.T), axis=-1).reshape(-1, 2)
     middles = ((np.arange(len(offsets)) + 0.5) / len(offsets) * len(filtered)).astype(int)
     wanted = np.sort(filtered @ directions, axis=0)[middles]
@@ -114,10 +101,10 @@ def extended_jitters(pixel_filter: PixelFilter, passes: tuple[int, ...]) -> np.n
         return jitters(pixel_filter, passes[0])
     offsets, (held, count) = extended_jitters(pixel_filter, passes[:-1]), passes[-2:]
     if held >= MOST_RELAXED:
-        added = _quantiles(pixel_filter, (np.arange(held, count)[:, None] * PLASTIC + 0.5) % 1.0)
+        added = quantiles(pixel_filter, (np.arange(held, count)[:, None] * PLASTIC + 0.5) % 1.0)
         offsets = np.concatenate([offsets, added])
     else:
-        offsets = np.concatenate([offsets, _quantiles(pixel_filter, _roomiest(pixel_filter, offsets, count))])
+        offsets = np.concatenate([offsets, quantiles(pixel_filter, _roomiest(pixel_filter, offsets, count))])
         if pixel_filter.radius > 0.0:
             offsets = _transported(pixel_filter, offsets, EXTENDING_ROUNDS, held)
             offsets = np.clip(offsets, -pixel_filter.radius, pixel_filter.radius)
@@ -127,7 +114,7 @@ def extended_jitters(pixel_filter: PixelFilter, passes: tuple[int, ...]) -> np.n
 
 def _roomiest(pixel_filter: PixelFilter, offsets: np.ndarray, count: int) -> np.ndarray:
     """Places that make the offsets so many, (count - offsets, 2), as shares of the filter."""
-    shares, edges = _distribution(pixel_filter) if pixel_filter.radius > 0.0 else (np.zeros(2), np.zeros(2))
+    shares, edges = distribution(pixel_filter) if pixel_filter.radius > 0.0 else (np.zeros(2), np.zeros(2))
     places = np.stack(np.meshgrid(*[(np.arange(PLACES) + 0.5) / PLACES] * 2), axis=-1).reshape(-1, 2)
     room = np.square(2.0 * np.minimum(places, 1.0 - places).min(axis=1))  # to the border
     taken = list(np.interp(offsets, edges, shares))
@@ -138,19 +125,22 @@ def _roomiest(pixel_filter: PixelFilter, offsets: np.ndarray, count: int) -> np.
     return np.array(taken[len(offsets) :])
 
 
-def footprint_side(pixel_filter: PixelFilter, offset: tuple[float, float], samples: int) -> float:
+def footprint_side(pixel_filter: PixelFilter, offset: tuple[float, float] | None, samples: int) -> float:
     """Side, in pixels, of the square that a sample of `jitters` stands for. One alone blurs as much as the
     filter does (the same variance); several have their share of the filter's weight each, so that those far
-    out, where the filter is thin, stand for more."""
+    out, where the filter is thin, stand for more. None: of any sample where each pixel has its own places."""
     if pixel_filter.radius == 0.0:
         return 0.0
     x = pixel_filter.radius * ((np.arange(TABLE_LENGTH) + 0.5) / (0.5 * TABLE_LENGTH) - 1.0)
     weight = filter_weight(pixel_filter, x)
     alone = math.sqrt(12.0 * float((weight * x * x).sum() / weight.sum()))
-    if samples == 1:
-        return alone
     total = weight.mean() * 2.0 * pixel_filter.radius
-    density = np.prod(filter_weight(pixel_filter, np.array(offset)) / total)
+    if offset is None:
+        density = ((weight * weight).mean() * 2.0 * pixel_filter.radius / total**2) ** 2
+    elif samples == 1:
+        return alone
+    else:
+        density = np.prod(filter_weight(pixel_filter, np.array(offset)) / total)
     return min(1.0 / math.sqrt(samples * max(float(density), 1e-12)), alone)
 
 
@@ -162,23 +152,7 @@ def footprints(pixel_filter: PixelFilter, pixels: int, samples: int, seed: int) 
     generator = np.random.Generator(np.random.PCG64(seed))
     row, column = np.divmod(np.arange(samples), columns)
     cells = np.stack([column, row], axis=1) + generator.random((pixels, samples, 2))
-    return _quantiles(pixel_filter, cells / (columns, rows))
-
-
-def _quantiles(pixel_filter: PixelFilter, uniform: np.ndarray) -> np.ndarray:
-    """Offsets along each axis that the shares `uniform` of the filter lie below."""
-    if pixel_filter.radius == 0.0:
-        return np.zeros_like(uniform)
-    return np.interp(uniform, *_distribution(pixel_filter))
-
-
-@cache
-def _distribution(pixel_filter: PixelFilter) -> tuple[np.ndarray, np.ndarray]:
-    """Shares of the filter (TABLE_LENGTH + 1,) that lie below offsets (TABLE_LENGTH + 1,) along an axis."""
-    edges = np.linspace(-pixel_filter.radius, pixel_filter.radius, TABLE_LENGTH + 1)
-    weights = filter_weight(pixel_filter, 0.5 * (edges[1:] + edges[:-1]))
-    below = np.concatenate([[0.0], np.cumsum(weights)])
-    return below / below[-1], edges
+    return quantiles(pixel_filter, cells / (columns, rows))
 
 
 @dataclass(frozen=True)
@@ -187,7 +161,8 @@ class Sampling:
     many pixels a tile holds, PIXELS_PER_TILE if None. `is_progressive`: every sample of the whole image
     before the next one, so that a preview can show their mean; each pixel sums the same numbers in the same
     order either way. `passes`: how many samples there are after each of several passes (passes_up_to), of
-    which these are those from `first` to `samples`; empty: all are one set, and it is known how many."""
+    which these are those from `first` to `samples`; empty: all are one set, and it is known how many.
+    `places`: each pixel's own, None: all share their jitters."""
 
     width: int
     height: int
@@ -197,6 +172,11 @@ class Sampling:
     is_progressive: bool = False
     first: int = 0
     passes: tuple[int, ...] = ()
+    places: Places | None = None
+
+    @property
+    def placement(self) -> Placement:
+        return Placement.SHARED if self.places is None else Placement.PER_PIXEL
 
     @property
     def jitters(self) -> np.ndarray:
@@ -221,8 +201,18 @@ class Sampling:
         for pair in order:
             sample, (y0, y1) = pair if self.is_progressive else pair[::-1]
             of = self.passes[bisect_right(self.passes, sample)] if self.passes else self.samples
-            dx, dy = replace(self, samples=of).jitters[sample]  # of no pass that may never come
-            yield Chunk(self.width, self.height, y0, y1, sample, (float(dx), float(dy)), of)
+            jitter = 0.0, 0.0
+            if self.places is None:
+                dx, dy = replace(self, samples=of).jitters[sample]  # of no pass that may never come
+                jitter = float(dx), float(dy)
+            yield Chunk(self.width, self.height, y0, y1, sample, jitter, of, places=self.places)
+
+    def offsets(self, pixels: np.ndarray) -> np.ndarray:
+        """(samples, N, 2) from the centres of `pixels` (N, 2), columns and rows: where each has its
+        samples."""
+        if self.places is None:
+            return np.broadcast_to(self.jitters[:, None], (self.samples, len(pixels), 2))
+        return np.stack([self.places.offsets(pixels, sample) for sample in range(self.samples)])
 
     @property
     def chunk_count(self) -> int:

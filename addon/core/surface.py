@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .placement import Places
+
 
 @dataclass(frozen=True)
 class Attribute:
@@ -56,7 +58,8 @@ def with_holes(
 @dataclass(frozen=True)
 class Chunk:
     """Rows `y0` to `y1` (row 0 is the bottom) and columns `x0` to `x1` (all, if None) of a `width` x `height`
-    image, with one jittered sample a pixel: the point at the pixel's centre plus `jitter`, in pixels.
+    image, with one jittered sample a pixel: the point at the pixel's centre plus `jitter`, in pixels, or plus
+    the pixel's own offset, where there are `places`.
     `samples`: how many a pixel gets, or has after this pass where more may follow. Rows and columns may lie
     beyond the image: its neighbours are as any other pixel's."""
 
@@ -69,6 +72,7 @@ class Chunk:
     samples: int = 1
     x0: int = 0
     x1: int | None = None
+    places: Places | None = None
 
     def __post_init__(self):
         if self.x1 is None:

@@ -178,6 +178,19 @@ class CpuDevice:
             attributes |= {"depth"}  # how far a ray sees
         return CameraRays(shot, mask, attributes, seed, holdouts)
 
+    def offsets(self, chunk: Chunk) -> np.ndarray | None:
+        """Where each of its pixels is sampled (Device.offsets)."""
+        if chunk.places is None:
+            return None
+        return self.kernels.pixel_offsets(
+            chunk.places.seed,
+            chunk.sample,
+            chunk.places.table,
+            (chunk.y0, chunk.y1),
+            (chunk.x0, chunk.x1),
+            cancel=self.cancel_flag,
+        )
+
     def texture(self, image: int) -> np.ndarray | None:
         """Texels of `outline.images[image]`, None where they could not be read."""
         return self._arrays.textures.get(image)

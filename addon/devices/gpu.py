@@ -15,6 +15,7 @@ from ..core.arrays import Arrays, Placed, bytes_of
 from ..core.errors import Cancelled
 from ..core.outline import Outline
 from ..core.shader import Shader
+from ..core.surface import Chunk
 from ..core.uniforms import Uniforms
 from .gpu_context import started
 from .gpu_crop import cropped
@@ -181,6 +182,11 @@ class GpuDevice:
         if name not in self._kept:
             self._kept[name] = make()
         return self._kept[name]
+
+    def offsets(self, chunk: Chunk) -> None:
+        """Device.offsets: none but those that all pixels share. Raises NotImplementedError for others."""
+        if chunk.places is not None:
+            raise NotImplementedError("pixels are sampled at places of their own on the CPU only")
 
     def instance_mask(self, instances: Iterable[int]) -> np.ndarray:
         """(instance count,) uint8, 1 at `instances`."""

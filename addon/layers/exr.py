@@ -83,6 +83,7 @@ def layer_attributes(layer: Layer) -> dict[str, str | float]:
         "strata:light": layer.light,
         "strata:settings": to_json(layer.settings),
         "strata:weight": layer.weight,
+        "strata:placement": layer.placement,
         "strata:samples": float(layer.samples),
         "strata:seconds": layer.seconds,
         "strata:error": to_json(layer.error),

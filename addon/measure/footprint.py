@@ -68,7 +68,7 @@ class Probed:
 @dataclass(frozen=True)
 class KeptSamples:
     """Samples of some pixels of a layer. `pixels` (P,), ascending; `values` (S, P, channels) float32;
-    `jitter` (S, 2): where each sample's view rays went through, in pixels from the centre."""
+    `jitter` (S, P, 2): where each sample's view ray went through, in pixels from its pixel's centre."""
 
     pixels: np.ndarray
     values: np.ndarray

@@ -62,7 +62,8 @@ def _compared(probed, truth, scale, chosen, seed) -> Generator[None, None, tuple
     for start in range(0, len(chosen), step):
         part = chosen[start : start + step]
         places = np.repeat(probed.places(kept.pixels[part]), samples, axis=0)
-        jitter, numbers = np.tile(kept.jitter, (len(part), 1)), np.tile(np.arange(samples), len(part))
+        jitter = kept.jitter[:, part].swapaxes(0, 1).reshape(-1, 2)
+        numbers = np.tile(np.arange(samples), len(part))
         view_rays: ViewRays = probed.rays.look(places, jitter, numbers)
         halves = []
         for half in range(2):

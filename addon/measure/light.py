@@ -244,7 +244,7 @@ def _method(probed: Probed, strata: list[Stratum], pixels: int, along: Along, me
         chosen, squares = members[np.linspace(0, len(members) - 1, count).astype(int)], []
         for index in chosen:
             places = np.repeat(probed.places(kept.pixels[[index]]), samples, axis=0)
-            rays = probed.rays.look(places, kept.jitter, np.arange(samples))
+            rays = probed.rays.look(places, kept.jitter[:, index], np.arange(samples))
             found = along(rays, int(hash_bits(seed, 7, index))).mean(axis=1)
             first, last = found[0], found[-1]
             value = finite(kept.values[:, index]).mean(axis=0)

@@ -185,6 +185,7 @@ class Report:
     baked: tuple[str, ...] = ()
     target_error: float = 0.0
     time_budget_s: float = 0.0
+    placement: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """Plain dicts, lists, strings and finite numbers."""
@@ -233,6 +234,7 @@ def report_of(
     chosen_samples: Mapping[str, Chosen] = MappingProxyType({}),
     target_error: float = 0.0,
     time_budget_s: float = 0.0,
+    placement: str = "",
 ) -> Report:
     """Puts a bake's figures together. By layer name: `images`, `costs` (seconds, seconds alone), `errors` of
     the layers that were to be measured. `neutral` are layers
@@ -289,6 +291,7 @@ def report_of(
         baked=outline.baked,
         target_error=target_error,
         time_budget_s=time_budget_s,
+        placement=placement,
     )
 
 

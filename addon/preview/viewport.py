@@ -17,7 +17,7 @@ from ..core.graph import Graph, PlannedLayer, Rate
 from ..core.reach import fitted
 from ..core.sampling import Sampling
 from ..core.surface import Chunk
-from ..planning import Options, passes_of
+from ..planning import Options, passes_of, places_of
 from ..scene.viewport import Placement
 from . import noise_map
 from .budget import Budget
@@ -256,6 +256,7 @@ class Viewport:
             tile_pixels=TILE_PIXELS,
             is_progressive=True,
             passes=passes,
+            places=places_of(graph.shot, options),
         )
         sampling = fitted(sampling, graph.nodes())
         executor, epoch, execution = session.executor, next(_epochs), Execution()

@@ -21,7 +21,10 @@ from .state import STATE, PlanRow
 LETTER_PIXELS = 7.2  # of the interface's font at scale 1, on average
 COMPOSITE = "Composite"
 _CHOOSES = ("target_error", "time_budget_s")
-_BAKED = ("backend", *_CHOOSES, "samples", "most_samples", "weight", "rgb_layers", "read", "read_texels")
+_BAKED = (
+    "backend", *_CHOOSES, "samples", "most_samples", "weight", "placement", "rgb_layers", "read",
+    "read_texels",
+)  # fmt: skip
 _MEASURED = ("probes", "error_images", "audit")
 _LIGHT_ICONS = {"POINT": "LIGHT_POINT", "SUN": "LIGHT_SUN", "SPOT": "LIGHT_SPOT", "AREA": "LIGHT_AREA"}
 

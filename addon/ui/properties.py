@@ -12,6 +12,7 @@ import bpy
 
 from ..core.effect import Effect
 from ..core.params import Colour, Lamp, ParamSpec, in_words
+from ..core.placement import Placement
 from ..core.ramp import Ramp
 from ..core.read import MOST_TEXELS, TEXELS, Read
 from ..core.sampling import MOST_SAMPLES
@@ -65,6 +66,7 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
         "time_budget_s": 0.0 if is_said else settings.time_budget_s,
         "heeds_own_targets": not is_said,
         "weight": settings.weight,
+        "placement": settings.placement,
         "rgb_layers": settings.rgb_layers,
         "read": settings.read,
         "read_texels": settings.read_texels,
@@ -247,6 +249,12 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
             description="What the samples of a pixel weigh in layers that multiply",
             items=[(each.value, each.name.capitalize(), each.doc) for each in Weight],
             default=Weight.RADIANCE.value,
+        ),
+        "placement": bpy.props.EnumProperty(
+            name="Placement",
+            description="Where in a pixel its samples lie",
+            items=[(each.value, in_words(each.value), each.doc) for each in Placement],
+            default=Placement.SHARED.value,
         ),
         "rgb_layers": bpy.props.BoolProperty(
             name="RGB Shadows",

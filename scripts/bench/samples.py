@@ -39,12 +39,12 @@ def run(quick: bool) -> str:
         scene = _opened(name)
         if scene is None:
             continue
-        truth, _ = _baked(scene, TRUTH, most, size, lit=True)
+        truth, _ = baked(scene, TRUTH, most, size, lit=True)
         errors, seconds = {}, {way: [] for way in WAYS}
         for _ in range(rounds):
             for way, values in WAYS.items():
-                found, taken = _baked(scene, values, samples, size)
-                errors[way] = _in_use(found, truth)
+                found, taken = baked(scene, values, samples, size)
+                errors[way] = in_use(found, truth)
                 seconds[way].append(taken)
         for way, of_lamp in errors.items():
             told = ", ".join(f"{lamp} {error:.4f}" for lamp, error in of_lamp.items())
@@ -68,16 +68,16 @@ def _opened(name: str) -> bpy.types.Scene | None:
     return bpy.context.scene
 
 
-def _baked(scene, values: dict, samples: int, size: tuple[int, int], lit=False) -> tuple[Baked, float]:
-    """And the CPU seconds."""
+def baked(scene, values: dict, samples: int, size: tuple[int, int], lit=False, **more) -> tuple[Baked, float]:
+    """And the CPU seconds; `more` is what Options takes besides."""
     options = Options(
-        ("soft_shadow",), "cpu", samples=samples, probes=0, values={"soft_shadow": values}, lit=lit
+        ("soft_shadow",), "cpu", samples=samples, probes=0, values={"soft_shadow": values}, lit=lit, **more
     )
     started = time.process_time()
     return bake(scene, scene.view_layers[0], options, size=size), time.process_time() - started
 
 
-def _in_use(found: Baked, truth: Baked) -> dict[str, float]:
+def in_use(found: Baked, truth: Baked) -> dict[str, float]:
     """By lamp: RMS of what a layer is off by, times the lamp's unshadowed light, over that and its mean."""
     true_layers = {layer.name: layer for layer in truth.layers.layers}
     errors = {}

@@ -45,11 +45,12 @@ def everything(geometry: kernels.Geometry) -> np.ndarray:
 
 
 def pixel_rays(view, width, height, jitter=(0.0, 0.0)):
-    """Origins and directions (height, width, 3) in view axes; the parameter along them is the depth."""
+    """Origins and directions (height, width, 3) in view axes; the parameter along them is the depth.
+    `jitter`: two numbers, or two arrays (height, width)."""
     left, right, bottom, top = view.window
-    x = left + (np.arange(width) + 0.5 + jitter[0]) * (right - left) / width
-    y = bottom + (np.arange(height) + 0.5 + jitter[1]) * (top - bottom) / height
-    x, y = np.meshgrid(x, y)
+    x = left + (np.arange(width)[None, :] + 0.5 + jitter[0]) * (right - left) / width
+    y = bottom + (np.arange(height)[:, None] + 0.5 + jitter[1]) * (top - bottom) / height
+    x, y = np.broadcast_arrays(x, y)
     zero, one = np.zeros_like(x), np.ones_like(x)
     if view.orthographic:
         return np.stack([x, y, zero], -1), np.stack([zero, zero, one], -1)

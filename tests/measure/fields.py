@@ -123,6 +123,7 @@ class Field:
         jitter = np.stack([(np.arange(samples) + 0.5) / samples - 0.5, np.zeros(samples)], axis=1)
         pixels, of = np.arange(len(self.values)), self.truths if of is None else of
         second = (jitter[:, :1] + 0.5 >= self.covered).astype(int)
+        jitter = np.broadcast_to(jitter[:, None], (samples, len(pixels), 2))
         return KeptSamples(pixels, of[pixels[None], second].astype(np.float32), jitter)
 
     def measured(self, probes: int, seed: int, weighed: bool = True, kept: KeptSamples | None = None):

@@ -113,7 +113,9 @@ def test_light_that_is_right_where_it_was_evaluated_and_light_that_is_not():
     bright = np.random.default_rng(8).uniform(0.5, 1.5, truths.shape)
 
     def kept(values):
-        return KeptSamples(np.arange(1600), values.reshape(1, 1600, 3).astype(np.float32), np.zeros((1, 2)))
+        return KeptSamples(
+            np.arange(1600), values.reshape(1, 1600, 3).astype(np.float32), np.zeros((1, 1600, 2))
+        )
 
     aliased = made.Light(truths * bright, truths).measured(512, 0, kept(truths))
     assert aliased.method < 1e-6

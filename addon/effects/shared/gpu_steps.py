@@ -123,6 +123,7 @@ def surface(
     """A dict of images, as the CPU's twin has arrays."""
     size, shape = (chunk.width, chunk.height), chunk.shape
     _check_view(view, size)
+    device.offsets(chunk)
     nearest = device.new_image((*shape, 2), np.uint32)
     device.clear(nearest, 0)
     low, high = geometry.depth_bounds(view, visible)

@@ -35,6 +35,7 @@ def _surface(device, geometry, view, visible, chunk, attributes, seed=0, holdout
         jitter=chunk.jitter,
         attributes=sorted({*attributes, "instance"} if holdouts else attributes),
         draw=(seed, chunk.sample),
+        offsets=device.offsets(chunk),
         cancel=device.cancel_flag,
     )
     return with_holes(surface, holdouts, attributes)

@@ -292,6 +292,7 @@ def shade(
 
 def halftone(device, surface, light, anchors, inked, chunk: Chunk, **pattern):
     """An image (h, w), as the kernel of the same name."""
+    device.offsets(chunk)
     shape = light.shape[:2]
     size = shape[::-1]
     rows = np.zeros((max(len(anchors), 1), 4, 4), np.float32)

@@ -71,11 +71,12 @@ def pattern_of(
     chunk: Chunk, anchor, origin, turn, dot, fade, view: View, pixel_filter: PixelFilter
 ) -> Pattern:
     """One sample alone is filtered as much as the render filters. Several are spread as that filter is, so
-    that each need only bridge the gap around it.
+    that each need only bridge the gap around it; so are those that each pixel places by itself.
     """
     left, right, bottom, top = view.window
     step = (right - left) / chunk.width, (top - bottom) / chunk.height
     first = origin[0] + chunk.x0 + 0.5 + chunk.jitter[0], origin[1] + chunk.y0 + 0.5 + chunk.jitter[1]
+    offset = None if chunk.places else chunk.jitter
     scale, cutoff, opacity = dot
     return Pattern(
         first=first,
@@ -85,7 +86,7 @@ def pattern_of(
         fade_scale=fade[0],
         fade_end=fade[1],
         opacity=opacity,
-        half_footprint=0.5 * footprint_side(pixel_filter, chunk.jitter, chunk.samples),
+        half_footprint=0.5 * footprint_side(pixel_filter, offset, chunk.samples),
         right=tuple(np.array(view.right) * step[0]),
         up=tuple(np.array(view.up) * step[1]),
         forward=view.forward,

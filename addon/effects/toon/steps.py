@@ -118,6 +118,7 @@ def _halftone(device, surface, light, anchors, inked, chunk, **pattern):
         anchors,
         surface["position"] if on_surface or pattern["fade"][0] else None,
         surface["geometric_normal"] if on_surface else None,
+        device.offsets(chunk),
         cancel=device.cancel_flag,
     )
 
@@ -179,6 +180,7 @@ def _outline(device, surface, hull, *lines, view: View, colours, chunk):
         rows=(chunk.y0, chunk.y1),
         columns=(chunk.x0, chunk.x1),
         jitter=chunk.jitter,
+        offsets=device.offsets(chunk),
         cancel=device.cancel_flag,
     )
     return device.kernels.toon_outline(

@@ -147,6 +147,7 @@ def medium_map(device, depth, view: View):
 
 def spans(device, geometry, view: View, instances, layers: int, stride: int, chunk: Chunk):
     """An image (layers, rows, columns) of the lattice."""
+    device.offsets(chunk)
     lattice = lattice_of(view, chunk, stride)
     return shared.layered_depth(
         device, geometry, lattice.seen(), instances, layers, lattice.width, lattice.height
@@ -211,6 +212,7 @@ def _evaluate(
 ):
     """`samplers` and `own` parameters of this reach; `ways`: maps of the medium to look up how far light has
     come through it."""
+    device.offsets(chunk)
     lattice = lattice_of(view, chunk, stride)
     size, offset = (lattice.width, lattice.height), lattice.shown
     result = device.new_image((size[1], size[0], 3))
@@ -385,6 +387,7 @@ def _transmittance_variant(parallel: bool, bounded: bool) -> Shader:
 
 
 def _transmittance(device, surface, view: View, medium: Medium, chunk: Chunk, samplers, own):
+    device.offsets(chunk)
     lattice = lattice_of(view, chunk)
     result = device.new_image((lattice.height, lattice.width, 3))
     size = lattice.width, lattice.height

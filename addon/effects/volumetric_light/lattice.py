@@ -32,13 +32,17 @@ class Lattice:
         first = (first + origin * step for first, origin, step in places)
         return np.array([*axes, *first, *self.step, view.near, float(view.orthographic)], np.float64)
 
-    def lengths(self) -> np.ndarray:
-        """(height, width) float32: metres along each ray for each metre of depth."""
+    def lengths(self, offsets: np.ndarray | None = None) -> np.ndarray:
+        """(height, width) float32: metres along each ray for each metre of depth. `offsets` (height, width,
+        2) in steps: each ray's own."""
         if self.view.orthographic:
             return np.ones((self.height, self.width), np.float32)
-        x = self.first[0] + (self.origin[0] + np.arange(self.width)) * self.step[0]
-        y = self.first[1] + (self.origin[1] + np.arange(self.height)) * self.step[1]
-        return np.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2).astype(np.float32)
+        x = (self.origin[0] + np.arange(self.width))[None, :]
+        y = (self.origin[1] + np.arange(self.height))[:, None]
+        if offsets is not None:
+            x, y = x + offsets[..., 0], y + offsets[..., 1]
+        x, y = self.first[0] + x * self.step[0], self.first[1] + y * self.step[1]
+        return np.sqrt(1.0 + x**2 + y**2).astype(np.float32)
 
     def seen(self) -> View:
         """The view whose pixel centres are these rays."""

@@ -34,6 +34,7 @@ def _spans(device, geometry, view, instances, layers, stride, chunk: Chunk):
         whole.height,
         rows=(bottom, bottom + height),
         columns=(left, left + width),
+        offsets=_offsets(device, chunk, lattice, stride),
         cancel=device.cancel_flag,
     )
 
@@ -43,6 +44,15 @@ def _coarse_depth(depth: np.ndarray, lattice: Lattice, stride: int) -> np.ndarra
         return depth
     left, bottom = lattice.shown
     return np.ascontiguousarray(depth[bottom::stride, left::stride])
+
+
+def _offsets(device, chunk: Chunk, lattice: Lattice, stride: int) -> np.ndarray | None:
+    """In steps of the lattice from where its rays begin: those of the pixels that they go through."""
+    offsets = device.offsets(chunk)
+    if offsets is None or stride == 1:
+        return offsets
+    left, bottom = lattice.shown
+    return np.ascontiguousarray(offsets[bottom::stride, left::stride]) / np.float32(stride)
 
 
 def _airlight(device, surface, *maps, windows, **common):
@@ -82,6 +92,7 @@ def _kernel(
         list(maps),
         counts=list(counts),
         order=order,
+        offsets=_offsets(device, chunk, lattice, stride),
         cancel=device.cancel_flag,
         **more,
     )
@@ -103,20 +114,21 @@ def _scattered(device, surface, *parts, view, intensity, shares, stride, chunk: 
 
 
 def _transmittance(device, surface, view, medium: Medium, chunk: Chunk):
-    starts, ends = _limits(surface, view, chunk)
+    starts, ends = _limits(surface, view, chunk, device.offsets(chunk))
     metres = np.maximum(ends - starts, np.float32(0.0))
     return device.kernels.transmittance(metres, np.array(medium.extinction, np.float64))
 
 
 def _bounded_transmittance(device, surface, spans, view, medium: Medium, chunk: Chunk):
-    starts, ends = _limits(surface, view, chunk)
-    metres = device.kernels.metres_inside(spans * lattice_of(view, chunk).lengths(), starts, ends)
+    offsets = device.offsets(chunk)
+    starts, ends = _limits(surface, view, chunk, offsets)
+    metres = device.kernels.metres_inside(spans * lattice_of(view, chunk).lengths(offsets), starts, ends)
     return device.kernels.transmittance(metres, np.array(medium.extinction, np.float64))
 
 
-def _limits(surface, view, chunk: Chunk) -> tuple[np.ndarray, np.ndarray]:
+def _limits(surface, view, chunk: Chunk, offsets) -> tuple[np.ndarray, np.ndarray]:
     """Metres along each ray (rows, width) where it begins, as in Cycles at the near plane, and ends."""
-    lengths = lattice_of(view, chunk).lengths()
+    lengths = lattice_of(view, chunk).lengths(offsets)
     return np.float32(view.near) * lengths, surface["depth"] * lengths
 
 

@@ -2,7 +2,7 @@
 
 use super::camera::{Camera, winding_normal};
 use super::edge::edge;
-use super::grid::{Grid, Pixels, Point};
+use super::grid::{Grid, Pixels, Point, SUBPIXELS};
 use super::presence::{Presence, Rule};
 use super::setup::{Polygon, Triangle};
 use crate::cancel::CancelFlag;
@@ -144,7 +144,10 @@ impl SetUpChunk<'_> {
         let origin = self.grid.origin(tile);
         (0..points.len()).all(|i| {
             let [a, b] = [points[i], points[(i + 1) % points.len()]].map(|p| p.map(i64::from));
-            edge(a, b).largest(origin) >= 0
+            let edge = edge(a, b);
+            // Of pixels that are sampled beside their centres.
+            let beside = i64::from(self.grid.reach / SUBPIXELS + i32::from(self.grid.reach > 0));
+            edge.largest(origin) + (edge.dx.abs() + edge.dy.abs()) * beside >= 0
         })
     }
 }

@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 const GUARD_PIXELS: f64 = 16384.0;
 
 /// Pixel centres move at most this many pixels.
-const MAX_JITTER: f64 = 64.0;
+pub const MAX_JITTER: f64 = 64.0;
 
 /// How far outside the image (in pixels) a snapped point may lie: the guard, the jitter, and rounding.
 pub const MARGIN_PIXELS: i32 = (GUARD_PIXELS + MAX_JITTER) as i32 + 1;
@@ -184,8 +184,9 @@ impl Camera {
         std::array::from_fn(|k| std::array::from_fn(|l| (right[k] * x[l] + up[k] * y[l]) + forward[k]))
     }
 
-    pub fn ray(&self, pixel: [i32; 2]) -> Ray {
-        let at = |i: usize| self.first[i] + f64::from(pixel[i]) * self.step[i];
+    /// Through a place of the image, in pixels from the centre of pixel (0, 0).
+    pub fn ray(&self, place: [f64; 2]) -> Ray {
+        let at = |i: usize| self.first[i] + place[i] * self.step[i];
         let [right, up, forward] = self.axes;
         let across = add(scale(right, at(0)), scale(up, at(1)));
         if self.orthographic {

@@ -27,6 +27,8 @@ pub struct Grid {
     first_tile: [i32; 2],
     pub columns: usize,
     rows: usize,
+    /// How far from their centres pixels are sampled, subpixels.
+    pub reach: i32,
 }
 
 impl Grid {
@@ -46,6 +48,7 @@ impl Grid {
             first_tile: [left, bottom],
             columns: across,
             rows: along,
+            reach: 0,
         }
     }
 
@@ -94,7 +97,7 @@ impl Grid {
         }
     }
 
-    /// First and last pixel whose centre lies in the bounding box; None where there is none.
+    /// First and last pixel that may be sampled in the bounding box; None where there is none.
     #[inline(always)]
     pub fn pixels(&self, points: &[Point]) -> Option<Pixels> {
         let (mut low, mut high) = (points[0], points[0]);
@@ -106,8 +109,8 @@ impl Grid {
         let [x, y] = std::array::from_fn(|axis| {
             let (start, side) = (self.first[axis], [self.width, self.height][axis] as i32);
             [
-                first(low[axis]).max(start),
-                (high[axis] >> SUBPIXEL_BITS).min(start + side - 1),
+                first(low[axis] - self.reach).max(start),
+                ((high[axis] + self.reach) >> SUBPIXEL_BITS).min(start + side - 1),
             ]
         });
         (x[0] <= x[1] && y[0] <= y[1]).then_some([[x[0], y[0]], [x[1], y[1]]])

@@ -3,6 +3,7 @@
 use super::block::Block;
 use super::camera::{Camera, Ray, Transform, winding_normal};
 use super::lift::Lifting;
+use super::places::Places;
 use super::presence::Rule;
 use super::wide::{Pixels, WIDE, Wide, Wide3, lane, wide, wide_dot};
 use crate::geometry::{Data, Instance, Mesh};
@@ -15,20 +16,38 @@ pub struct Finder<'a> {
     first_ids: &'a [u32],
     pub camera: &'a Camera,
     rule: Rule,
+    /// None: pixels are sampled at their centres.
+    pub places: Option<&'a Places>,
     /// Of each instance, world axes.
     to_eye: Vec<Transform>,
 }
 
 impl<'a> Finder<'a> {
-    pub fn new(data: &'a Data, first_ids: &'a [u32], camera: &'a Camera, rule: Rule) -> Self {
+    pub fn new(
+        data: &'a Data,
+        first_ids: &'a [u32],
+        camera: &'a Camera,
+        rule: Rule,
+        places: Option<&'a Places>,
+    ) -> Self {
         let to_eye = |instance: &Instance| camera.object_to_eye(&instance.matrix);
         Finder {
             data,
             first_ids,
             camera,
             rule,
+            places,
             to_eye: data.instances.iter().map(to_eye).collect(),
         }
+    }
+
+    /// Neighbouring pixels of a row, where they are sampled.
+    #[inline(always)]
+    pub fn pixels(&self, first: [i32; 2], wanted: [bool; WIDE]) -> Pixels {
+        self.places.map_or_else(
+            || Pixels::new(first, wanted),
+            |places| places.pixels(first, wanted),
+        )
     }
 
     fn index(&self, id: u32) -> usize {
@@ -79,7 +98,7 @@ impl<'a> Finder<'a> {
             if wanted == [false; WIDE] {
                 continue;
             }
-            let pixels = Pixels::new([pixel[0], pixel[1] + row as i32], wanted);
+            let pixels = self.pixels([pixel[0], pixel[1] + row as i32], wanted);
             let found = if let Some(opacity) = uniform {
                 [opacity; WIDE]
             } else {
@@ -172,8 +191,7 @@ impl Hit<'_> {
         });
         if inside != [true; WIDE] {
             for l in (0..WIDE).filter(|&l| pixels.wanted[l] && !inside[l]) {
-                let nearest = self
-                    .nearest_on_outline(camera, &camera.ray([pixels.first[0] + l as i32, pixels.first[1]]));
+                let nearest = self.nearest_on_outline(camera, &camera.ray([pixels.x[l], pixels.y[l]]));
                 for (weight, nearest) in weights.iter_mut().zip(nearest) {
                     weight[l] = nearest;
                 }

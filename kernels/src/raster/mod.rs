@@ -12,9 +12,12 @@ mod grid;
 mod hit;
 mod layers;
 mod lift;
+mod places;
 mod presence;
+mod scattered;
 mod setup;
 mod shade;
+mod sink;
 mod surface;
 mod tile;
 mod wide;
@@ -27,7 +30,11 @@ use bins::{Bins, bin_triangles, first_ids};
 use camera::Camera;
 use grid::Grid;
 use hit::Finder;
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{
+    PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyUntypedArrayMethods,
+};
+use places::Places;
 use presence::{Kept, Rule};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -65,17 +72,19 @@ struct Drawing {
     camera: Camera,
     grid: Grid,
     rule: Rule,
+    places: Option<Places>,
 }
 
 impl Drawing {
-    /// The rows and columns asked for, all where none are; `jitter` moves pixel centres.
+    /// The rows and columns asked for, all where none are; `jitter` moves pixel centres, and `offsets` where each pixel
+    /// is sampled.
     fn new(
         geometry: PyRef<'_, Geometry>,
         mask: &Bound<'_, PyAny>,
         view: &PyReadonlyArray1<'_, f64>,
         [width, height]: [usize; 2],
         [columns, rows]: [Option<(i32, i32)>; 2],
-        jitter: (f64, f64),
+        (jitter, offsets): ((f64, f64), Option<PyReadonlyArray3<'_, f32>>),
         rule: Rule,
     ) -> PyResult<Self> {
         let data = geometry.data();
@@ -91,13 +100,17 @@ impl Drawing {
                 "{what} {first} to {end} are not {what} of {side}"
             )))
         };
-        let grid = Grid::new([wanted(columns, width, "columns")?, wanted(rows, height, "rows")?]);
+        let mut grid = Grid::new([wanted(columns, width, "columns")?, wanted(rows, height, "rows")?]);
+        let places = offsets
+            .map(|offsets| Places::new(&offsets, &mut grid))
+            .transpose()?;
         Ok(Drawing {
             data,
             drawn,
             camera,
             grid,
             rule,
+            places,
         })
     }
 
@@ -117,7 +130,10 @@ impl Drawing {
             self.rule,
             cancel,
         )?;
-        work(&bins, &Finder::new(&self.data, &ids, &self.camera, self.rule))
+        work(
+            &bins,
+            &Finder::new(&self.data, &ids, &self.camera, self.rule, self.places.as_ref()),
+        )
     }
 }
 
@@ -127,7 +143,8 @@ impl Drawing {
 ///
 /// `visible` (instance_count,) bool or uint8; `view` (19,) f64, as `View.packed()`; `jitter` moves the
 /// pixel centres, in pixels; `draw`, a seed and the sample's number, decides which fragments of what is partly opaque
-/// are there (Draw in random.rs). Returns a dict of the `attributes` asked for, h = rows[1] - rows[0], w likewise:
+/// are there (Draw in random.rs); `offsets` (h, w, 2) f32 pixels, of each from its centre, to 1/256 pixel: where it is
+/// sampled (`pixel_offsets`). Returns a dict of the `attributes` asked for, h = rows[1] - rows[0], w likewise:
 /// `position` (h, w, 3) f32 metres relative to the eye in world axes, on the triangle; `geometric_normal`
 /// (h, w, 3) f32, unit, facing the viewer; `shading_normal` (h, w, 3) f32, unit, turned with the geometric
 /// one; `terminator_lift` (h, w, 3) f32 metres, world axes, the way to the surface that the corners' normals tell of, 0
@@ -136,7 +153,7 @@ impl Drawing {
 /// What else is nothing is 0. Raises ValueError on bad input, Cancelled when `cancel` is set.
 #[pyfunction]
 #[pyo3(signature = (geometry, visible, view, width, height, rows=None, columns=None, jitter=(0.0, 0.0), attributes=Vec::new(),
-    draw=(0, 0), cancel=None))]
+    draw=(0, 0), offsets=None, cancel=None))]
 fn raster_surface<'py>(
     py: Python<'py>,
     geometry: PyRef<'py, Geometry>,
@@ -149,6 +166,7 @@ fn raster_surface<'py>(
     jitter: (f64, f64),
     attributes: Vec<String>,
     draw: (u32, u32),
+    offsets: Option<PyReadonlyArray3<'py, f32>>,
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let rule = Rule {
@@ -161,7 +179,7 @@ fn raster_surface<'py>(
         &view,
         [width, height],
         [columns, rows],
-        jitter,
+        (jitter, offsets),
         rule,
     )?;
     let (h, w) = (drawing.grid.height, drawing.grid.width);
@@ -179,7 +197,8 @@ fn raster_surface<'py>(
 /// (h, w) f32, metres along forward, by more than a millionth of it, of those wholly opaque; -1 where there is none. The other arguments
 /// are `raster_surface`'s, h = rows[1] - rows[0] and w likewise. Raises ValueError on bad input, Cancelled when `cancel` is set.
 #[pyfunction]
-#[pyo3(signature = (geometry, visible, view, width, height, depth, rows=None, columns=None, jitter=(0.0, 0.0), cancel=None))]
+#[pyo3(signature = (geometry, visible, view, width, height, depth, rows=None, columns=None, jitter=(0.0, 0.0), offsets=None,
+    cancel=None))]
 fn raster_before<'py>(
     py: Python<'py>,
     geometry: PyRef<'py, Geometry>,
@@ -191,6 +210,7 @@ fn raster_before<'py>(
     rows: Option<(i32, i32)>,
     columns: Option<(i32, i32)>,
     jitter: (f64, f64),
+    offsets: Option<PyReadonlyArray3<'py, f32>>,
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyArray2<i32>>> {
     let rule = Rule {
@@ -203,7 +223,7 @@ fn raster_before<'py>(
         &view,
         [width, height],
         [columns, rows],
-        jitter,
+        (jitter, offsets),
         rule,
     )?;
     let shape = [drawing.grid.height, drawing.grid.width];
@@ -228,12 +248,12 @@ fn raster_before<'py>(
 /// where there are no more; of `rows` and `columns` where they are given, as `raster_surface` has them. Coplanar duplicates are all kept; an edge between two triangles is one depth.
 ///
 /// `casters` (instance_count,) bool or uint8; `view` (19,) f64, as `View.packed()`. Both sides of a triangle
-/// count. `kept`: of what is not wholly opaque to shadow rays, "whole" keeps what is all the same to half a step of 8
+/// count. `offsets` as `raster_surface` has them. `kept`: of what is not wholly opaque to shadow rays, "whole" keeps what is all the same to half a step of 8
 /// bits, "partial" what stops a share, and "drawn" each fragment by chance, as `draw` says (a seed and a sample's number,
 /// Draw in random.rs). Raises ValueError on bad input, Cancelled when `cancel` is set.
 #[pyfunction]
 #[pyo3(signature = (geometry, casters, view, layers, width, height, rows=None, columns=None, kept="whole",
-    draw=(0, 0), cancel=None))]
+    draw=(0, 0), offsets=None, cancel=None))]
 fn layered_depth<'py>(
     py: Python<'py>,
     geometry: PyRef<'py, Geometry>,
@@ -246,6 +266,7 @@ fn layered_depth<'py>(
     columns: Option<(i32, i32)>,
     kept: &str,
     draw: (u32, u32),
+    offsets: Option<PyReadonlyArray3<'py, f32>>,
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyAny>> {
     if layers == 0 || layers > layers::MAX_LAYERS {
@@ -260,7 +281,7 @@ fn layered_depth<'py>(
         &view,
         [width, height],
         [columns, rows],
-        (0.0, 0.0),
+        ((0.0, 0.0), offsets),
         Rule {
             is_camera: false,
             kept: Kept::named(kept, draw)?,
@@ -278,6 +299,7 @@ fn layered_depth<'py>(
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    places::register(module)?;
     module.add_function(wrap_pyfunction!(raster_surface, module)?)?;
     module.add_function(wrap_pyfunction!(raster_before, module)?)?;
     module.add_function(wrap_pyfunction!(layered_depth, module)?)

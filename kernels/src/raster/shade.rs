@@ -1,9 +1,8 @@
 //! What is seen at the pixels of an image, written to the arrays that are asked for.
 
-use super::camera::Camera;
 use super::grid::Grid;
-use super::hit::Hit;
-use super::wide::{Pixels, WIDE, lane, wide_dot};
+use super::hit::{Finder, Hit};
+use super::wide::{WIDE, lane, wide_dot};
 use crate::surface::{Images, Row};
 use std::ops::Range;
 
@@ -41,7 +40,8 @@ pub fn split<'a>(images: &'a mut Images, grid: Grid) -> Vec<Vec<Row<'a>>> {
 
 /// Writes what a triangle shows in some columns of a row's part of a tile; `origin` is the pixel of its first one.
 #[inline(always)]
-pub fn shade(row: &mut Row, columns: Range<usize>, camera: &Camera, origin: [i32; 2], hit: &Hit) {
+pub fn shade(row: &mut Row, columns: Range<usize>, finder: &Finder, origin: [i32; 2], hit: &Hit) {
+    let camera = finder.camera;
     for (ids, id) in [
         (&mut row.object_id, hit.instance.object_id),
         (&mut row.instance, hit.instance_index as i32),
@@ -60,7 +60,7 @@ pub fn shade(row: &mut Row, columns: Range<usize>, camera: &Camera, origin: [i32
     }
     for first in columns.clone().step_by(WIDE) {
         let count = WIDE.min(columns.end - first);
-        let pixels = Pixels::new(
+        let pixels = finder.pixels(
             [origin[0] + first as i32, origin[1]],
             std::array::from_fn(|l| l < count),
         );

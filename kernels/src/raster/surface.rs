@@ -4,7 +4,8 @@ use super::bins::Bins;
 use super::block::{BLOCK_PIXELS, BLOCK_WIDTH, BLOCKS, Block, quarter};
 use super::hit::{Finder, Hit};
 use super::shade::{shade, split};
-use super::tile::{Sink, draw_tile};
+use super::sink::Sink;
+use super::tile::draw_tile;
 use crate::cancel::CancelFlag;
 use crate::simd::{Eight, Simd, Work, dispatch};
 use crate::surface::{Images, Row};
@@ -117,7 +118,7 @@ impl Work for ShadeTile<'_, '_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let (grid, camera) = (self.bins.grid, self.finder.camera);
+        let grid = self.bins.grid;
         let (origin, [columns, rows]) = (grid.origin(self.tile), grid.extent(self.tile));
         let left = columns.start;
         let mut found: [Option<(u32, Hit)>; FOUND] = [const { None }; FOUND];
@@ -140,7 +141,7 @@ impl Work for ShadeTile<'_, '_> {
                     *place = Some((here, self.finder.find(here)));
                 }
                 if let Some((_, hit)) = place {
-                    shade(row, start..x, camera, first, hit);
+                    shade(row, start..x, self.finder, first, hit);
                 }
             }
         }

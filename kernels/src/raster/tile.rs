@@ -6,7 +6,9 @@ use super::clip::MAX_CORNERS;
 use super::edge::{Edge, edge};
 use super::grid::{Point, SUBPIXEL_BITS, SUBPIXELS, TILE};
 use super::hit::Finder;
+use super::scattered;
 use super::setup::{Plane, Triangle};
+use super::sink::Sink;
 use crate::simd::Eight;
 use std::ops::Range;
 
@@ -15,19 +17,6 @@ const LANE_X: Block<u32> = Block([0, 1, 2, 3, 0, 1, 2, 3]);
 const LANE_Y: Block<u32> = Block([0, 0, 0, 0, 1, 1, 1, 1]);
 const LANE_X_FLOAT: Block<f32> = Block([0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0]);
 const LANE_Y_FLOAT: Block<f32> = Block([0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
-
-/// Keeps what a tile's pixels need of the fragments. Owned by the one task that draws the tile.
-pub trait Sink {
-    /// Whether a block keeps nothing as far away as this, so that its fragments need not be worked out.
-    #[inline(always)]
-    fn hides(&self, _block: usize, _nearest: f32) -> bool {
-        false
-    }
-    /// Whether any of a block's depths, infinite where the triangle is not, would be kept.
-    fn wants<V: Eight>(&self, v: V, block: usize, depths: V::Floats) -> bool;
-    /// Keeps what it wants of them.
-    fn keep<V: Eight>(&mut self, v: V, block: usize, depths: V::Floats, id: u32);
-}
 
 /// First and last pixel, relative to the tile.
 type Extent = [[i32; 2]; 2];
@@ -45,7 +34,9 @@ struct Outline<'a, const N: usize> {
 /// Draws all items of a tile into the sink, in the order of their ids.
 #[inline(always)]
 pub fn draw_tile<V: Eight, S: Sink>(v: V, bins: &Bins, tile: usize, finder: &Finder, sink: &mut S) {
-    if finder.camera.orthographic {
+    if let Some(places) = finder.places {
+        scattered::draw_tile(v, bins, tile, finder, places, sink);
+    } else if finder.camera.orthographic {
         draw_items::<V, S, true>(v, bins, tile, finder, sink);
     } else {
         draw_items::<V, S, false>(v, bins, tile, finder, sink);

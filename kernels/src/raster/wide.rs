@@ -14,20 +14,20 @@ pub type Wide3 = [Wide; 3];
 #[derive(Clone, Copy)]
 pub struct Pixels {
     pub first: [i32; 2],
-    /// Column of each, and their row.
-    x: Wide,
-    y: f64,
+    /// Where each is sampled: column and row.
+    pub x: Wide,
+    pub y: Wide,
     pub wanted: [bool; WIDE],
 }
 
 impl Pixels {
-    /// From pixel `first` on to the right.
+    /// From pixel `first` on to the right, at their centres.
     #[inline(always)]
     pub fn new(first: [i32; 2], wanted: [bool; WIDE]) -> Self {
         Pixels {
             first,
             x: std::array::from_fn(|l| f64::from(first[0] + l as i32)),
-            y: f64::from(first[1]),
+            y: [f64::from(first[1]); WIDE],
             wanted,
         }
     }
@@ -35,7 +35,7 @@ impl Pixels {
     /// What is affine over the image: its value at the corner, its change from column to column and from row to row.
     #[inline(always)]
     pub fn affine(&self, [at, dx, dy]: Vec3) -> Wide {
-        wide(|l| at + dx * self.x[l] + dy * self.y)
+        wide(|l| at + dx * self.x[l] + dy * self.y[l])
     }
 }
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import strata_kernels as kernels
+from strata.addon.core.placement import Places
 from strata.addon.core.ramp import Ramp
 from strata.addon.core.shot import Camera, PixelFilter, Raster, Shot
 from strata.addon.core.surface import Chunk
@@ -289,3 +290,23 @@ def test_creases_count_within_an_object_only():
     assert kernels.toon_edges(one, 0, 8, 1, normal=normal, crease=0.5).any()
     assert not kernels.toon_edges(one, 0, 8, 1, normal=normal, crease=-0.5).any()
     assert not kernels.toon_edges(two, 0, 8, 1, normal=normal, crease=0.5).any()
+
+
+def test_dots_are_met_where_each_pixel_is_sampled():
+    """Of one size on the screen: a pixel's ink at its place is that of a picture moved there."""
+    params, side = ToonParams(halftone_scale=0.8, halftone_cutoff=0.0, halftone_repeat=64 / 9.3), 64
+    shot, nothing = Shot("Camera", Raster(CAMERA, (side, side))), np.zeros((side, side), np.float32)
+    places = Places(1, shot.pixel_filter)
+
+    def ink(jitter, offsets=None):
+        chunk = Chunk(side, side, 0, side, 0, jitter, 4, places=places)
+        pattern = packed_pattern(chunk, **settings(params, shot))
+        return kernels.toon_halftone(
+            nothing, nothing.astype(np.int32), pattern, b"\1", np.zeros((1, 12), np.float32), offsets=offsets
+        )
+
+    which = np.random.default_rng(2).integers(0, 3, (side, side))
+    moves = np.array([(0.0, 0.0), (1.25, -0.5), (-0.75, 1.0)], np.float32)
+    expected = np.choose(which, [ink(tuple(map(float, move))) for move in moves])
+    np.testing.assert_allclose(ink((0.0, 0.0), moves[which]), expected, atol=1e-4)
+    assert len(np.unique(expected)) > 100

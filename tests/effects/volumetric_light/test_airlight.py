@@ -8,6 +8,8 @@ import math
 import numpy as np
 import pytest
 import strata_kernels
+from strata.addon.core.view import View
+from strata.addon.effects.volumetric_light.lattice import Lattice
 from strata.tests.effects.volumetric_light import airlight_truth as truth
 from strata.tests.effects.volumetric_light.airlight_scenes import (
     along_y,
@@ -390,3 +392,28 @@ def test_a_wide_spot_with_a_hard_edge_is_finite():
                     image = strata_kernels.airlight(depth, rays, medium(0.1, 0.1, 0.4), spot, [])
                     assert np.isfinite(image).all()
                     assert (image >= 0.0).all()
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_rays_of_pixels_with_places_of_their_own(orthographic):
+    """Each ray is that of a lattice moved to it, its length too. Rays that share their jitter may go through
+    another walk, in single precision."""
+    rng = np.random.default_rng(5)
+    offsets = (rng.integers(-384, 385, (7, 9, 2)) / 256.0).astype(np.float32)
+    depth = rng.uniform(2.0, 9.0, (7, 9)).astype(np.float32)
+    rays = lattice((0.1, -4.0, 0.2), 9, 7, (-0.6, 0.5, -0.4, 0.3), 0.1)
+    rays[-1] = orthographic
+    fog, lamp = medium(0.2, 0.3, 0.4), source(position=(0.5, 0.3, 0.4))
+    axes, window = ((1, 0, 0), (0, 0, 1), (0, 1, 0)), (-0.6, 0.5, -0.4, 0.3)
+    view = View((0.1, -4.0, 0.2), *axes, window, 0.1, 99.0, orthographic)
+    whole = strata_kernels.airlight(depth, rays, fog, lamp, [], offsets=offsets)
+    lengths = Lattice(view, tuple(rays[12:14]), tuple(rays[14:16]), 9, 7).lengths(offsets)
+    for y, x in np.ndindex(7, 9):
+        own = rays.copy()
+        own[12:14] += (np.array([x, y]) + offsets[y, x]) * rays[14:16]
+        alone = strata_kernels.airlight(depth[y : y + 1, x : x + 1], own, fog, lamp, [])
+        np.testing.assert_allclose(whole[y, x], alone[0, 0], rtol=2e-5)
+        slopes = 0.0 if orthographic else (own[12:14] ** 2).sum()
+        assert lengths[y, x] == pytest.approx(math.sqrt(1.0 + slopes), rel=1e-6)
+    with pytest.raises(ValueError, match="offsets are"):
+        strata_kernels.airlight(depth, rays, fog, lamp, [], offsets=offsets[:3])

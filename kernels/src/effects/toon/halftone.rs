@@ -19,7 +19,7 @@ enum Anchor {
 
 struct Pattern {
     anchor: Anchor,
-    /// Frame position in pixels of the image's pixel (0, row 0) centre, jitter included.
+    /// Frame position in pixels of the image's pixel (0, row 0) centre, jitter included that all share.
     first: [f32; 2],
     /// Cosine and sine of the pattern's turn over the length of a cell (pixels or object units).
     turn: [f32; 2],
@@ -130,9 +130,10 @@ impl Pattern {
 /// `light` (h, w) f32, 0 in shade and 1 in light; `instance` (h, w) i32, -1 where nothing is; `pattern` (21,) f32: see
 /// addon/effects/toon/pattern.py; `inked` (I,) u8 tells which instances have dots; `anchors` (I, 12) f32: two numbers an
 /// instance, its origin in the frame (OBJECT), or three rows that take positions to object space (SURFACE); `position`
-/// (h, w, 3) f32 relative to the eye is needed for SURFACE and for a fade, `normal` (h, w, 3) f32 for SURFACE.
+/// (h, w, 3) f32 relative to the eye is needed for SURFACE and for a fade, `normal` (h, w, 3) f32 for SURFACE; `offsets` (h, w, 2) f32 pixels: each pixel's own
+/// place beside its centre.
 #[pyfunction]
-#[pyo3(signature = (light, instance, pattern, inked, anchors, position=None, normal=None, cancel=None))]
+#[pyo3(signature = (light, instance, pattern, inked, anchors, position=None, normal=None, offsets=None, cancel=None))]
 pub fn toon_halftone<'py>(
     py: Python<'py>,
     light: PyReadonlyArray2<'py, f32>,
@@ -142,6 +143,7 @@ pub fn toon_halftone<'py>(
     anchors: PyReadonlyArray2<'py, f32>,
     position: Option<PyReadonlyArray3<'py, f32>>,
     normal: Option<PyReadonlyArray3<'py, f32>>,
+    offsets: Option<PyReadonlyArray3<'py, f32>>,
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
     let size = [light.shape()[0], light.shape()[1]];
@@ -159,6 +161,11 @@ pub fn toon_halftone<'py>(
         .map(|image| pixels(image, &whole, "normal"))
         .transpose()?
         .map(|image| image.as_chunks::<3>().0);
+    let offsets = offsets
+        .as_ref()
+        .map(|image| pixels(image, &[size[0], size[1], 2], "offsets"))
+        .transpose()?
+        .map(|image| image.as_chunks::<2>().0);
     if anchors.shape() != [inked.len(), 12] {
         return Err(PyValueError::new_err("anchors has 12 numbers an instance"));
     }
@@ -186,7 +193,8 @@ pub fn toon_halftone<'py>(
             if pattern.fade_scale != 0.0 {
                 fade *= smooth((dot(p, p).sqrt() - pattern.fade_end) * pattern.fade_scale);
             }
-            let place = [column as f32, row as f32];
+            let [across, along] = offsets.map_or([0.0; 2], |o| o[pixel]);
+            let place = [column as f32 + across, row as f32 + along];
             let (at, half) = match pattern.anchor {
                 Anchor::Screen => pattern.on_screen(place, [0.0; 2]),
                 Anchor::Object => pattern.on_screen(place, [anchors[of][0], anchors[of][1]]),

@@ -23,7 +23,8 @@ impl Scene<'_> {
         let mut image = vec![[0.0f32; 3]; depth.len()];
         let setup = Setup::new(&self.medium, &self.source, self.order);
         let looked_up = self.bounded.as_ref().is_some_and(|b| !b.surrounds_light());
-        let open = self.unshadowed()
+        let open = self.offsets.is_none()
+            && self.unshadowed()
             && self.bounded.is_none()
             && !self.lattice.orthographic
             && self.source.profile == Profile::Uniform
@@ -59,7 +60,11 @@ impl Scene<'_> {
                         let plane = depth.len();
                         (0..b.layers).map(move |layer| b.depths[layer * plane + y * width + x])
                     });
-                    work.ray(row, x, &self.lattice.ray(x, y), depth_here, bounded);
+                    let [across, along] = self
+                        .offsets
+                        .map_or([0.0; 2], |each| each[y * width + x].map(f64::from));
+                    let ray = self.lattice.ray([x as f64 + across, y as f64 + along]);
+                    work.ray(row, x, &ray, depth_here, bounded);
                 }
                 work.batch.finish(&setup, row);
                 PyResult::Ok(())

@@ -95,10 +95,10 @@ fn medium_map(
 /// f32, depths of a bounded medium's surface along the rays, and `medium_maps` the same from the light; without
 /// them the medium is everywhere. `order` nodes a panel; `table_reach` metres: by a table of the antiderivative,
 /// for sources that shine evenly into a medium that is everywhere; `march_steps`: by a jittered march, for
-/// comparison. Raises ValueError on bad input, Cancelled when `cancel` is set.
+/// comparison; `offsets` (h, w, 2) f32 of each ray from its place, in steps of the lattice. Raises ValueError on bad input, Cancelled when `cancel` is set.
 #[pyfunction]
 #[pyo3(signature = (depth, lattice, medium, source, maps, spans=None, medium_maps=Vec::new(), order=6,
-    table_reach=None, march_steps=None, counts=None, cancel=None))]
+    table_reach=None, march_steps=None, counts=None, offsets=None, cancel=None))]
 fn airlight<'py>(
     py: Python<'py>,
     depth: PyReadonlyArray2<'py, f32>,
@@ -112,6 +112,7 @@ fn airlight<'py>(
     table_reach: Option<f64>,
     march_steps: Option<usize>,
     counts: Option<Vec<usize>>,
+    offsets: Option<PyReadonlyArray3<'py, f32>>,
     cancel: Option<PyRef<'py, CancelFlag>>,
 ) -> PyResult<Bound<'py, PyArray3<f32>>> {
     let (height, width) = (depth.shape()[0], depth.shape()[1]);
@@ -123,6 +124,11 @@ fn airlight<'py>(
     if spans.as_ref().is_some_and(|s| s.shape()[1..] != [height, width]) {
         return Err(PyValueError::new_err(
             "spans are (layers, h, w), h and w as depth has them",
+        ));
+    }
+    if offsets.as_ref().is_some_and(|o| o.shape() != [height, width, 2]) {
+        return Err(PyValueError::new_err(
+            "offsets are (h, w, 2), h and w as depth has them",
         ));
     }
     let counts = counts.unwrap_or_else(|| vec![maps.len()]);
@@ -138,12 +144,14 @@ fn airlight<'py>(
     let reach = table_reach.filter(|_| even && !lattice.orthographic);
     let depth = depth.as_slice()?;
     let span_depths = spans.as_ref().map(|s| s.as_slice()).transpose()?;
+    let offsets = offsets.as_ref().map(|o| o.as_slice()).transpose()?;
     let layers = spans.as_ref().map_or(0, |s| s.shape()[0]);
     let cancel = CancelFlag::of(cancel);
     let image = py.detach(|| {
         let mut each = maps.iter().map(|map| &**map);
         let scene = Scene {
             lattice,
+            offsets: offsets.map(|o| o.as_chunks::<2>().0),
             medium,
             source,
             maps: counts

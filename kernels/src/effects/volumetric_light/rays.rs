@@ -46,9 +46,10 @@ impl Lattice {
         })
     }
 
-    pub fn ray(&self, x: usize, y: usize) -> Ray {
-        let a = self.first[0] + x as f64 * self.step[0];
-        let b = self.first[1] + y as f64 * self.step[1];
+    /// Through a place in units of `step`.
+    pub fn ray(&self, [x, y]: [f64; 2]) -> Ray {
+        let a = self.first[0] + x * self.step[0];
+        let b = self.first[1] + y * self.step[1];
         let across = |i: usize| a * self.right[i] + b * self.up[i];
         if self.orthographic {
             return Ray {

@@ -34,6 +34,8 @@ impl Bounded<'_> {
 
 pub struct Scene<'a> {
     pub lattice: Lattice,
+    /// Of each ray from its place in the lattice, in units of its step.
+    pub offsets: Option<&'a [[f32; 2]]>,
     pub medium: Medium,
     pub source: Source,
     /// Of each point that the source's shadows are cast from; all have the same share.
