@@ -36,6 +36,7 @@ from .measure.target import Chosen, Target
 from .measuring import Measuring, unless_cancelled
 from .passes import Passes
 from .planning import Options, groups_of, plan_scene, sampling_of
+from .speeds import keep_speeds, recall_speeds
 
 if TYPE_CHECKING:
     from .scene.exact.reading import Exact
@@ -68,6 +69,7 @@ class BakeJob:
         self.options = options
         self.sequence = sequence
         self.devices = devices or start_devices(options.backend)
+        recall_speeds(self.devices.primary.name)
         for device in {self.devices.primary, self.devices.fallback}:
             device.set_scene(outline, arrays)
         self.progress = 0.0
@@ -224,6 +226,7 @@ class BakeJob:
                 give_back()
         seconds = time.perf_counter() - began
         self._forecasts[0].learn()
+        keep_speeds(options.backend, self.devices.primary.name, seconds)
         self.graphs[number], missing = with_neutral(graph, self.sequence, outline)
         baked = put_together(
             outline=outline,

@@ -7,7 +7,7 @@ other rays, than those that its reported error comes from: one that was low by c
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -15,7 +15,7 @@ from .core.execution import Execution
 from .core.executor import Executor
 from .core.film import takes_of
 from .core.graph import Graph, PlannedLayer, Rate
-from .core.sampling import Sampling
+from .core.sampling import FIRST_PASSES, Sampling
 from .core.surface import Chunk
 from .measure.report import NotMeasured
 from .measure.target import Chosen, Target
@@ -24,8 +24,9 @@ from .measuring import Measuring
 from .planning import Options
 
 AIM = 0.95  # of the target, since what is known of an error is off by about as much
-POWER = 0.7
-"""Errors fall about like this power of the number of samples, measured; only the time left depends on it."""
+POWER, USUAL_ERROR = 0.7, 0.066
+"""Errors fall about like this power of the number of samples, from about this with one, by what sample scenes
+took (docs/accuracy.md, Targets); only the expected time depends on it."""
 USUAL_SAMPLES = 8
 """Of layers that nobody measures, and of those of which nothing is known yet."""
 STUCK = 0.9
@@ -154,22 +155,38 @@ class Passes:
         """What has run and what is expected to: graphs, and how many samples of each."""
         found = []
         for group in groups:
-            counts = {
-                layer.name: self._expected_samples(layer.name, group, sampling) for layer in group.layers
-            }
+            counts = self.counts(group, sampling)
             for first, samples in pairwise((0, *sorted(set(counts.values())))):
                 layers = tuple(layer for layer in group.layers if counts[layer.name] >= samples)
                 found.append((replace(group, layers=layers), samples - first))
         return found
 
-    def _expected_samples(self, name: str, group: Graph, sampling: Sampling) -> int:
+    def expect(self, samples: Mapping[str, float]) -> None:
+        """Says how many samples layers are likely to get, by their names."""
+        self._expected |= samples
+
+    def counts(self, group: Graph, sampling: Sampling) -> dict[str, int]:
+        """How many samples each layer has, or is expected to get."""
+        likely = {layer.name: self._likely_samples(layer, group) for layer in group.layers}
+        most = max((each for each in likely.values() if each), default=USUAL_SAMPLES)
+        return {name: min(each or most, sampling.samples) for name, each in likely.items()}
+
+    def _likely_samples(self, layer: PlannedLayer, group: Graph) -> int:
+        """0: as many as the most of others."""
         if self._samples_of:
-            return min(self._samples_of_layer(name, group), sampling.samples)
-        done = self.chosen[name].samples if name in self.chosen else 0
-        if any(self._is_set(layer) for layer in group.layers if layer.name == name):
+            return self._samples_of_layer(layer.name, group)
+        if self._is_set(layer):
             return self._options.samples
-        usual = max(map(round, self._expected.values()), default=min(USUAL_SAMPLES, sampling.samples))
-        return max(done, round(self._expected.get(name, usual)))
+        expected, target = self._expected.get(layer.name, 0.0), self._options.target_of(layer)
+        if not expected and target:
+            expected = max(samples_for(target), FIRST_PASSES[0])
+        done = self.chosen[layer.name].samples if layer.name in self.chosen else 0
+        return max(done, round(expected))
+
+
+def samples_for(target: float, samples: int = 1, error: float = USUAL_ERROR) -> float:
+    """How many it seems to take to a target error, where so many left an `error`."""
+    return samples * (error / (AIM * target)) ** (1.0 / POWER)
 
 
 class _Looked:
@@ -218,7 +235,7 @@ class _Looked:
         """Samples at the end, as it seems after so many."""
         if self.is_done or self._error is None:
             return samples
-        return min(samples * (self._error / (AIM * self._target)) ** (1.0 / POWER), most)
+        return min(samples_for(self._target, samples, self._error), most)
 
     def _told(self, is_stuck: bool) -> Target | None:
         return None if self._error is None else Target(self._target, self._error, is_stuck)

@@ -137,15 +137,6 @@ def build_parser(needs_scene: bool) -> Parser:
     bake.add_argument("-o", "--output", required=True, metavar="OUT.exr",
                       help="where to, a folder too; #### is the frame number")  # fmt: skip
     bake.add_argument("--backend", choices=("auto", "cpu", "gpu"), help="default: the scene's, or auto")
-    bake.add_argument("--samples", type=whole_number(1, MOST_SAMPLES), metavar="N",
-                      help="surfaces per pixel; with a target error or a time budget at most so many "
-                      "(default: the scene's)")  # fmt: skip
-    bake.add_argument("--target-error", type=share, metavar=".02",
-                      help="each layer gets as many samples as bring its error down to that, at most "
-                      "--samples (default: the scene's; 0: none)")  # fmt: skip
-    bake.add_argument("--time-budget", type=seconds, dest="time_budget_s", metavar="10",
-                      help="as many samples as there is time for, in seconds a frame, at most --samples "
-                      "(default: the scene's; 0: any)")  # fmt: skip
     bake.add_argument("--settings-from", metavar="FILE",
                       help="as many samples for each layer as this EXR or report says")  # fmt: skip
     bake.add_argument("--weight", choices=[each.value for each in Weight],
@@ -201,6 +192,15 @@ def _scene_flags(needs_scene: bool) -> argparse.ArgumentParser:
                        help="most a side of what Blender bakes (default: the scene's, or 1024)")  # fmt: skip
     flags.add_argument("--rgb-layers", action="store_true", default=None,
                        help="shadows in colour, channel by channel (default: the scene's)")  # fmt: skip
+    flags.add_argument("--samples", type=whole_number(1, MOST_SAMPLES), metavar="N",
+                      help="surfaces per pixel; with a target error or a time budget at most so many "
+                      "(default: the scene's)")  # fmt: skip
+    flags.add_argument("--target-error", type=share, metavar=".02",
+                      help="each layer gets as many samples as bring its error down to that, at most "
+                      "--samples (default: the scene's; 0: none)")  # fmt: skip
+    flags.add_argument("--time-budget", type=seconds, dest="time_budget_s", metavar="10",
+                      help="as many samples as there is time for, in seconds a frame, at most --samples "
+                      "(default: the scene's; 0: any)")  # fmt: skip
     flags.add_argument("--memory", type=memory, metavar="4G",
                        help="what a bake may take beside Blender itself (default: the scene's)")  # fmt: skip
     flags.add_argument("--set", type=setting, action="append", default=[], metavar="EFFECT.PARAMETER=VALUE",

@@ -241,9 +241,9 @@ class STRATA_OT_plan(bpy.types.Operator):
     @reported
     def execute(self, context):
         started = time.thread_time()
-        outline, graph, memory = read_plan(context.scene, context.view_layer, options_of)
+        outline, graph, memory, expected_s = read_plan(context.scene, context.view_layer, options_of)
         somebody_asked(context.scene, time.thread_time() - started)
-        STATE.show_plan(context.scene.session_uid, graph, memory, outline.warnings, outline.baked)
+        STATE.show_plan(context.scene.session_uid, graph, memory, outline.warnings, outline.baked, expected_s)
         redraw(context.window_manager.windows)
         return {"FINISHED"}
 

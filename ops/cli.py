@@ -175,7 +175,8 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
 
     given = {"effects": arguments.effects, "values": nested(arguments.set)}
     Options(**given).chosen()  # wrong words are found before a large file is opened
-    given |= {name: getattr(arguments, name) for name in ("rgb_layers", "read", "read_texels")}
+    plain = ("samples", "target_error", "time_budget_s", "rgb_layers", "read", "read_texels")
+    given |= {name: getattr(arguments, name) for name in plain}
     given |= {"memory_bytes": arguments.memory}
     with _properties():
         chosen, said = _open(arguments, interrupts)

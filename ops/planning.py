@@ -14,8 +14,10 @@ from ..addon.core.memory import MemoryEstimate
 from ..addon.core.outline import Outline
 from ..addon.core.read import Read
 from ..addon.core.sequence import SequenceLayer, with_neutral
+from ..addon.expected import about_seconds, expected_seconds
 from ..addon.layers.exr_params import ExrParams
 from ..addon.layers.files import free_on_disk
+from ..addon.measure.report import rounded
 from ..addon.planning import Options, groups_of, plan_scene
 
 
@@ -26,9 +28,10 @@ def read_plan(
     frame: int | None = None,
     camera=None,
     size=None,
-) -> tuple[Outline, Graph, MemoryEstimate]:
-    """Scans the scene as F12 would see it and plans, and says what baking that takes; extracts nothing. As
-    `read_job`, only on the main thread. A bake's closer look may yet leave out layers."""
+) -> tuple[Outline, Graph, MemoryEstimate, float]:
+    """Scans the scene as F12 would see it and plans, and says what memory and how many seconds baking
+    that takes; extracts nothing. As `read_job`, only on the main thread. A bake's closer look may yet leave
+    out layers."""
     from ..addon.scene.exact.reading import Exact
     from ..addon.scene.extract import texel_bytes
     from ..addon.scene.render_depsgraph import with_render_depsgraph
@@ -47,18 +50,20 @@ def read_plan(
     scanned, graph, options = with_render_depsgraph(scene, view_layer, read, frame, camera)
     outline = scanned.outline
     held = held_bytes() + texel_bytes(outline, graph.wants)  # as when a bake has read them
-    return outline, graph, groups_of(outline, graph, options, held)[1]
+    memory = groups_of(outline, graph, options, held)[1]
+    return outline, graph, memory, expected_seconds(outline, graph, options)
 
 
 def described_plan(
     outline: Outline,
     graph: Graph,
     memory: MemoryEstimate,
+    expected_s: float,
     sequence: Iterable[SequenceLayer] = (),
     warnings: Iterable[str] = (),
 ) -> dict[str, Any]:
-    """A plan as plain values; a layer's steps in the order they run, each name once. `sequence`: layers that
-    the frame's file has besides, with their neutral value."""
+    """A plan as plain values; a layer's steps in the order they run, each name once. `expected_s`: what a
+    bake will take; `sequence`: layers that the frame's file has besides, with their neutral value."""
     graph, missing = with_neutral(graph, sequence, outline)
     layers = [
         {
@@ -91,6 +96,7 @@ def described_plan(
         "warnings": [*warnings, *outline.warnings, *([memory.shortage] if memory.shortage else [])],
         "baked": list(outline.baked),
         "memory": {"sentence": memory.sentence, **memory.to_json()},
+        "expected_seconds": rounded(expected_s),
     }
 
 
@@ -109,6 +115,7 @@ def plan_lines(plan: dict[str, Any]) -> Iterator[str]:
         read = f"{plan['instances_read']:,} of {plan['instances']:,} instances"
         yield f"geometry: {read}, {plan['triangles_read']:,} triangles"
         yield plan["memory"]["sentence"]
+        yield f"time: {about_seconds(plan['expected_seconds'])}, as it seems"
     yield from plan["baked"]
     for warning in plan["warnings"]:
         yield f"warning: {warning}"

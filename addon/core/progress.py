@@ -8,7 +8,7 @@ been so far.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from .execution import Execution
 from .graph import Graph, Node, Rate
@@ -22,6 +22,16 @@ KNOWN_SECONDS = 0.5
 _learnt: dict[tuple[str, bool], float] = {}
 """Seconds per run of the least work, or per pixel of a step at the surface, in the bakes of this process: a
 sequence's second frame knows what the first one took."""
+
+
+def learnt() -> dict[tuple[str, bool], float]:
+    """Seconds by step's name, and whether it runs at the surface."""
+    return dict(_learnt)
+
+
+def recall(seconds: Mapping[tuple[str, bool], float]) -> None:
+    """What `learnt` said in an earlier process; what this one knows better stays."""
+    _learnt.update({kind: each for kind, each in seconds.items() if kind not in _learnt})
 
 
 class Forecast:
@@ -66,6 +76,15 @@ class Forecast:
     def slower(self) -> float:
         """How many times as long as on an ordinary machine what ran has taken."""
         return self._slower(self._taken())
+
+    def usually_slower(self) -> float:
+        """The same by what earlier bakes tell, before anything has run."""
+        usual, real = KNOWN_SECONDS, KNOWN_SECONDS
+        for node, runs in self._runs.items():
+            if (seconds := _learnt.get(_kind(node))) is not None:
+                usual += runs * self._unit(node) * _ordinary(node)
+                real += runs * self._unit(node) * seconds
+        return real / usual
 
     def _slower(self, taken: dict[Node, tuple[float, int]]) -> float:
         usual, real = KNOWN_SECONDS, KNOWN_SECONDS

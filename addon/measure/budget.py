@@ -55,7 +55,7 @@ class MeasuringOutlook:
     def __init__(self, graph: Graph, outline: Outline, tree: Node, probes: int | None):
         self._layers = [layer for layer in graph.layers if layer.kind.score is not None]
         self._probes = probes
-        self._tree = (
+        self.tree_seconds = (  # on an ordinary machine
             0.0 if tree in graph.nodes() else tree.step.ordinary_seconds * tree.step.work_of(tree, outline)
         )
         self._done, self._taken, self._current = 0, 0.0, 0.0
@@ -81,7 +81,7 @@ class MeasuringOutlook:
     def seconds_left(self, baking_seconds: float, slower: float = 1.0) -> float:
         """Where the bake without measuring takes so many seconds on a machine that is so many times as slow
         as an ordinary one."""
-        tree = 0.0 if self.has_tree else slower * self._tree
+        tree = 0.0 if self.has_tree else slower * self.tree_seconds
         allowed = allowed_seconds(baking_seconds) - tree - self._taken
         left, layers = tree, self._layers[self._done :]
         for number, layer in enumerate(layers):

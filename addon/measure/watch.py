@@ -54,8 +54,13 @@ class Watch:
 
 def probes_of(pixels: int, probe_seconds: float) -> int:
     """How many are watched in an image of so many pixels, where one takes so long on an ordinary machine."""
+    return round(watching_seconds(pixels) / probe_seconds)
+
+
+def watching_seconds(pixels: int) -> float:
+    """What drawing them takes, in an image of so many pixels, on an ordinary machine."""
     larger = math.sqrt(pixels / USUAL_PIXELS)
-    return round(WATCHING_SECONDS / probe_seconds * min(max(larger, 1.0), MOST_TIMES))
+    return WATCHING_SECONDS * min(max(larger, 1.0), MOST_TIMES)
 
 
 def likely_pixels(

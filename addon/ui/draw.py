@@ -12,6 +12,7 @@ from ..core.effect import Effect
 from ..core.errors import sentence
 from ..core.read import Read
 from ..effects.registry import EFFECTS
+from ..expected import about_seconds
 from ..layers.exr_params import ExrParams
 from . import boxes
 from .output import told_output, waits_for_saving
@@ -122,10 +123,21 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
         row = column.row()
         row.active = name != "error_images" or settings.probes > 0
         row.prop(settings, name)
+        if name == _CHOOSES[0]:
+            expected_time(column, context)
     column.separator()
     column.prop(settings, "save_to")
     if settings.save_to != "IMAGES":
         output(column, context)
+
+
+def expected_time(layout: bpy.types.UILayout, context) -> None:
+    """Of the next bake, as far as a plan is known."""
+    if seconds := STATE.expected_s.get(context.scene.session_uid):
+        row = layout.row()
+        row.active = False
+        row.alignment = "RIGHT"
+        row.label(text=sentence(about_seconds(seconds)), icon="TIME")
 
 
 def output(layout: bpy.types.UILayout, context) -> None:

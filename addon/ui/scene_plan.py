@@ -17,6 +17,7 @@ import bpy
 from ..core.errors import StrataError, one_line
 from ..core.free_memory import held_bytes
 from ..core.read import Read
+from ..expected import expected_seconds
 from ..planning import groups_of, plan_scene
 from ..scene.exact.reading import Exact
 from ..scene.extract import texel_bytes
@@ -81,7 +82,8 @@ class ScenePlan:
             memory = groups_of(outline, graph, options, held)[1]
             exactly = self._scan.exactly
             baked = exactly.exact.told(exactly.needed(graph, outline)) if exactly else ()
-            STATE.show_plan(scene, graph, memory, warnings, baked)
+            expected_s = expected_seconds(outline, graph, options, STATE.reports.get(scene))
+            STATE.show_plan(scene, graph, memory, warnings, baked, expected_s)
         except TooLong:
             self.is_too_long = True
         except BaseException as error:  # a panic of the kernels is no Exception

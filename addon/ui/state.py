@@ -58,21 +58,31 @@ class State:
     outdated: set[int] = field(default_factory=set)  # scenes that have changed, and take long to read again
     memory: dict[int, Any] = field(default_factory=dict)
     baked: dict[int, tuple[str, ...]] = field(default_factory=dict)  # of materials, by Blender
+    expected_s: dict[int, float] = field(default_factory=dict)  # of the next bake
     reports: dict[int, dict[str, Any]] = field(default_factory=dict)
     made: dict[int, Made] = field(default_factory=dict)
     marks: dict[int, dict[str, list[Mark]]] = field(default_factory=dict)
     reports_shown: int = 0  # counts up, so that a picture knows that it is old
 
     def show_plan(
-        self, scene: int, graph, memory=None, warnings: Iterable[str] | None = None, baked: Iterable[str] = ()
+        self,
+        scene: int,
+        graph,
+        memory=None,
+        warnings: Iterable[str] | None = None,
+        baked: Iterable[str] = (),
+        expected_s: float | None = None,
     ) -> None:
         """Of a `core.graph.Graph`, and what baking it takes, a `core.memory.MemoryEstimate`. `warnings` of
-        reading the scene; None where they are as before. `baked` are lines about materials."""
+        reading the scene and `expected_s`, what a bake will take; None where they are as before. `baked` are
+        lines about materials."""
         self.outdated.discard(scene)
         self.memory.pop(scene, None)
         self.baked[scene] = tuple(baked)
         if memory and graph.layers:
             self.memory[scene] = memory
+        if expected_s is not None:
+            self.expected_s[scene] = expected_s
         if warnings is not None:
             shortage = [memory.shortage] if memory and memory.shortage else []
             self.warnings[scene] = (*warnings, *shortage)
@@ -85,10 +95,11 @@ class State:
         self.outdated.discard(scene)
         self.plans[scene], self.warnings[scene] = (), (why,)
         self.memory.pop(scene, None)
+        self.expected_s.pop(scene, None)
 
     def shown(self, scene: int) -> tuple:
         """All that is said of a scene before a bake: equal while nothing of it has to be drawn again."""
-        told = (each.get(scene) for each in (self.plans, self.warnings, self.memory))
+        told = (each.get(scene) for each in (self.plans, self.warnings, self.memory, self.expected_s))
         return (*told, scene in self.outdated)
 
     def idle_reason(self, scene: int, effect: str) -> str:
@@ -118,6 +129,7 @@ class State:
             self.warnings,
             self.outdated,
             self.memory,
+            self.expected_s,
             self.reports,
             self.made,
             self.marks,

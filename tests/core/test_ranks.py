@@ -24,6 +24,8 @@ RANKS = {
     "addon/measuring.py": 3,
     "addon/passes.py": 3,
     "addon/planning.py": 3,
+    "addon/expected.py": 3,
+    "addon/speeds.py": 3,
     "addon/job.py": 3,
     "addon/audit": 4,
     "addon/sequence.py": 4,

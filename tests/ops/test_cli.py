@@ -193,6 +193,9 @@ def test_plan_is_clean_json():
     assert all(layer["joins"] and layer["role"] == "visibility" for layer in plan["layers"])
     assert all(layer["name"] == f"Soft Shadow {layer['pass_name']}" for layer in plan["layers"])
     assert all(entry["reason"] for entry in plan["left_out"])
+    assert plan["expected_seconds"] > 0.0
+    more = strata("plan", SAMPLES / "courtyard.blend", "--json", "--samples", "1000").stdout
+    assert json.loads(more)["expected_seconds"] > 20.0 * plan["expected_seconds"]
     text = strata("plan", SAMPLES / "courtyard.blend", "--size", "64x64").stdout
     assert f"{plan['layers'][0]['name']}: {' > '.join(plan['layers'][0]['steps'])}" in text
 

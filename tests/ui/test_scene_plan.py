@@ -77,6 +77,7 @@ def test_it_is_what_a_bake_would_plan_and_no_render_is_started(scene):
     assert own == rows(scene)
     assert "Soft Shadow Panel" in own
     assert STATE.memory[scene.session_uid].sentence
+    assert STATE.expected_s[scene.session_uid] > 0.0
 
 
 def test_it_is_asked_for_again_only_where_something_counts(scene):

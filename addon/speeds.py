@@ -1,0 +1,68 @@
+"""How fast steps are on this machine, kept in the user's cache, so that the next Blender knows it before its
+first bake. It changes what is expected, never what is made; where there is no folder, or it is read-only,
+nothing is kept."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tempfile
+from typing import Any
+
+from .core import progress
+from .scene.exact.store import cache_folder
+
+LEAST_SECONDS = 1.0
+"""Shorter bakes tell little: most of their time is not in pixels and triangles."""
+NAME = "seconds.json"
+AUTO = "auto"
+
+
+def recall_speeds(backend: str) -> None:
+    """What is kept of a device; of `auto`, of what it chose last."""
+    kept = _kept()
+    device = str(kept.get(AUTO)) if backend == AUTO else backend
+    progress.recall(_checked(kept.get(device)))
+
+
+def keep_speeds(backend: str, device: str, seconds: float) -> None:
+    """After a bake of so many seconds on `device`, which `backend` asked for or left open."""
+    folder = cache_folder()
+    if folder is None or seconds < LEAST_SECONDS:
+        return
+    learnt = {_key(*kind): float(f"{each:.4g}") for kind, each in progress.learnt().items()}
+    kept = {**_kept(), device: learnt}
+    if backend == AUTO:
+        kept[AUTO] = device
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor, beside = tempfile.mkstemp(prefix=".", suffix=".part", dir=folder)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            json.dump(kept, file, indent=1)
+        os.replace(beside, folder / NAME)
+    except OSError:
+        pass
+
+
+def _kept() -> dict[str, Any]:
+    folder = cache_folder()
+    try:
+        kept = json.loads((folder / NAME).read_text(encoding="utf-8")) if folder else {}
+    except (OSError, ValueError):
+        return {}
+    return kept if isinstance(kept, dict) else {}
+
+
+def _checked(table: Any) -> dict[tuple[str, bool], float]:
+    """Whatever the file may hold."""
+    found = {}
+    for key, seconds in table.items() if isinstance(table, dict) else ():
+        name, _, rate = key.rpartition(" ")
+        if isinstance(seconds, float | int) and math.isfinite(seconds) and seconds >= 0.0:
+            found[name, rate == "pixel"] = float(seconds)
+    return found
+
+
+def _key(name: str, is_at_surface: bool) -> str:
+    return f"{name} {'pixel' if is_at_surface else 'run'}"
