@@ -76,9 +76,6 @@ def put_together(
             coarse_picture_seconds + execution.seconds(below[layer.name], chunks),
         )
         error = errors[layer.name].to_json() if layer.name in errors else {}
-        params = chosen[layer.effect]
-        if layer.of.is_lamp:
-            params = outline.lights[layer.of.index].params_for(layer.effect, params)
         layers.append(
             Layer(
                 layer.name,
@@ -90,7 +87,7 @@ def put_together(
                 layer.of,
                 costs[layer.name][0],
                 error,
-                params.as_dict(),
+                layer.params.as_dict(),
                 weight=layer.weighed_by,
                 placement=placement,
                 samples=chosen_samples[layer.name].samples if layer.name in chosen_samples else samples,

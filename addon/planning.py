@@ -21,6 +21,7 @@ from .core.roles import Role
 from .core.sampling import Sampling, passes_up_to
 from .core.shot import Shot
 from .core.weight import Weight
+from .devices.start import traces_rays
 from .effects.registry import EFFECTS
 from .effects.shared import composite, lit, weights
 from .effects.shared.steps import surface
@@ -156,6 +157,7 @@ def plan_scene(outline: Outline, shot: Shot, options: Options) -> Graph:
             lamps=lamps,
             keeps_unused=options.keeps_unused,
             without=left_out,
+            traces_rays=traces_rays(options.backend),
         )
         found = too_large(graph, outline, sampling_of(graph, options), _budget_bytes(options))
         if not found:

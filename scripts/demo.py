@@ -17,9 +17,6 @@ from strata.ops.terminal import Progress
 from strata.scripts.pictures.contact_sheet import save_contact_sheet
 
 ROOT = Path(__file__).resolve().parents[1]
-# Leaves, railings and stone gaps are smaller than a map's texels. A pixel is the mean of eight surfaces, each
-# with a few rays, which together are spread over each lamp.
-SETTINGS = {"soft_shadow": {"method": "rays"}}
 
 
 def main() -> None:
@@ -35,7 +32,7 @@ def main() -> None:
 
     open_blend(arguments.scene)
     chosen = choose()
-    options = Options(backend=arguments.backend, lit=True, values=SETTINGS)
+    options = Options(backend=arguments.backend, lit=True)
     *read, seconds = read_scene(chosen.scene, chosen.view_layer, options, size=size)
     progress = Progress(sys.stderr, arguments.scene.stem)
     baked = run_to_end(BakeJob(*read, options, read_seconds=seconds), show=progress.show)

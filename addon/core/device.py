@@ -27,6 +27,7 @@ class Device(Protocol):
     """
 
     name: str  # "cpu" or "gpu"
+    traces_rays: bool  # rays live on one device; for others' steps they cost a way there and back
     description: str
     cancel_flag: Any
     compile_seconds: float

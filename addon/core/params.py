@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache
-from typing import Any, ClassVar, get_type_hints
+from typing import Any, ClassVar, Self, get_type_hints
 
 from .conditions import ALWAYS, Condition, When, both
 from .errors import StrataError
@@ -63,7 +63,8 @@ class ParamSpec:
     members of a group includes what holds for that; `unlimited` is a word for the greatest value accepted,
     where that means no limit; `object_only`: of what objects have of their own, materials do not have it;
     `lowers_noise`: what raising it lowers is another error in each of a pixel's samples, so that more of
-    those lower it as well."""
+    those lower it as well; `automatic`: what the default stands for on a device that traces rays itself,
+    and on others, where it is no value but leaves that open."""
 
     name: str
     kind: type
@@ -81,6 +82,13 @@ class ParamSpec:
     words: dict[str, str] = field(default_factory=dict, hash=False)
     object_only: bool = False
     lowers_noise: bool = False
+    automatic: tuple[Any, Any] | None = None
+
+    def settled(self, value: Any, traces_rays: bool) -> Any:
+        """What the value, or a choice's word, stands for (`automatic`)."""
+        if self.automatic is None or plain(value) != plain(self.default):
+            return value
+        return self.automatic[0 if traces_rays else 1]
 
     @property
     def is_of_file(self) -> bool:
@@ -199,6 +207,15 @@ class Params:
             if name not in specs:
                 raise StrataError(f"{owner} has no parameter '{name}'; it has {', '.join(specs)}")
         return cls(**{name: specs[name].check(owner, value) for name, value in values.items()})
+
+    def settled(self, traces_rays: bool) -> Self:
+        """With what was left automatic chosen, for a device that traces rays itself, or one that does not."""
+        chosen = {
+            spec.name: spec.settled(getattr(self, spec.name), traces_rays)
+            for spec in self.specs()
+            if spec.automatic is not None
+        }
+        return dataclasses.replace(self, **chosen) if chosen else self
 
     def lighter(self, share: float) -> Params:
         """Parameters for a frame of about `share` of the work, while something moves in a preview."""

@@ -26,6 +26,7 @@ class Recorder:
         lamps: tuple[int, ...] | None = None,
         keeps_unused: bool = False,
         without: Mapping[str, str] | None = None,
+        traces_rays: bool = True,
     ):
         self.outline = outline
         self.shot = shot
@@ -34,6 +35,7 @@ class Recorder:
         self._wants_others = lamps is None
         self._keeps_unused = keeps_unused
         self._without = without or {}
+        self._traces_rays = traces_rays
         self._offers = {
             role: tuple(
                 sorted(
@@ -136,7 +138,7 @@ class Recorder:
             effect,
             node,
             kind,
-            self.params,
+            self.params and self.own_params(self.params, of),
             light,
             of,
             casters,
@@ -149,10 +151,14 @@ class Recorder:
 
     def _target_error(self, of: Of) -> float:
         """The lamp's own, or else the effect's."""
-        own = self.params
+        return self.own_params(self.params, of).target_error or self.params.target_error
+
+    def own_params[P: Params](self, params: P, of: Of, effect_id: str = "") -> P:
+        """An effect's `params` (the one's that is recorded, or that called `effect_id`) for what is `of` a
+        lamp or not: with the lamp's own over them, and with nothing left automatic."""
         if of.is_lamp:
-            own = self.outline.lights[of.index].params_for(self.effect.id, self.params)
-        return own.target_error or self.params.target_error
+            params = self.outline.lights[of.index].params_for(effect_id or self.effect.id, params)
+        return params.settled(self._traces_rays)
 
     def put_in_colour(self) -> None:
         """Makes declared layers colours, where they may be (LayerKind.in_colour)."""
@@ -236,13 +242,15 @@ def plan(
     lamps: tuple[int, ...] | None = None,
     keeps_unused: bool = False,
     without: Mapping[str, str] | None = None,
+    traces_rays: bool = True,
 ) -> Graph:
     """Records every effect that a shot of the scene needs; `effects` maps each to its parameters. Each of
     `recordings`, called with recorder and outline, may record more, after them and for no effect. `offers`:
     what effects offer (`Effect.offers`); a lamp that asks for none of them takes the first. `lamps`: indices
     of the only lights whose layers are wanted, and no other layers; None: all. `keeps_unused`: also layers
-    that the picture takes from another effect. `without`: by name, why layers are left out."""
-    recorder = Recorder(outline, shot, offers, lamps, keeps_unused, without)
+    that the picture takes from another effect. `without`: by name, why layers are left out. `traces_rays`:
+    whether the device that is to run the graph traces rays (Device)."""
+    recorder = Recorder(outline, shot, offers, lamps, keeps_unused, without, traces_rays)
     for effect, params in effects.items():
         recorder.effect, recorder.params = effect, params
         if not recorder.shot_has(effect.needs, effect.title):

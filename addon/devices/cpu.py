@@ -52,6 +52,7 @@ class CpuDevice:
     """Runs the Rust kernels; its values are numpy arrays and kernel handles."""
 
     name = "cpu"
+    traces_rays = True
     compile_seconds = 0.0
     cancelled = (strata_kernels.Cancelled,)
 

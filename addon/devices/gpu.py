@@ -47,6 +47,7 @@ class GpuDevice:
     TRIANGLES_PER_DRAW = 1 << 20
     _programs: ClassVar[dict[Shader, Any]] = {}  # of all devices: a second bake compiles nothing
     name = "gpu"
+    traces_rays = False
     cancelled = (Cancelled,)
 
     def __init__(self, cancel_flag=None):

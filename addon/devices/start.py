@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from functools import cache
 
 from ..core.device import Device
 from ..core.errors import DeviceUnavailable, StrataError
@@ -40,6 +41,15 @@ def start_devices(backend: str = "auto") -> Devices:
     if backend == "auto" and gpu.is_software:
         return Devices(cpu, cpu, f"the GPU is emulated in software ({gpu.description})")
     return Devices(gpu, cpu, gpu.description if backend == "auto" else "asked for")
+
+
+@cache
+def traces_rays(backend: str) -> bool:
+    """Whether bakes run where rays are traced (Device). Where the backend does not start, they say so."""
+    try:
+        return backend == "cpu" or start_devices(backend).primary.traces_rays
+    except StrataError:
+        return True
 
 
 def register() -> None:

@@ -16,7 +16,6 @@ import numpy as np
 from ..core.graph import Graph, PlannedLayer
 from ..core.memory import MemoryEstimate
 from ..core.outline import Outline
-from ..core.params import Params
 from ..core.sequence import SequenceLayer
 from ..core.version import VERSION
 from . import target
@@ -253,8 +252,8 @@ def report_of(
             role=layer.role.value,
             pass_name=layer.pass_name,
             error_image=error_images.get(layer.name, ""),
-            **_judged(layer, errors.get(layer.name), outline),
-            **_sampled(layer, errors.get(layer.name), outline, samples, chosen_samples.get(layer.name)),
+            **_judged(layer, errors.get(layer.name)),
+            **_sampled(layer, errors.get(layer.name), samples, chosen_samples.get(layer.name)),
         )
         for layer in graph.layers
         if layer.effect
@@ -295,11 +294,11 @@ def report_of(
     )
 
 
-def _judged(layer: PlannedLayer, error: LayerError | NotMeasured | None, outline: Outline) -> dict[str, Any]:
+def _judged(layer: PlannedLayer, error: LayerError | NotMeasured | None) -> dict[str, Any]:
     """What LayerReport says of an error: the verdict, and what lowers it if anything is to be seen."""
     if not isinstance(error, LayerError):
         return {}
-    score, params = layer.kind.score, _params(layer, outline)
+    score, params = layer.kind.score, layer.params
     high = error.ci95[1]
     words = worded(score.rms(error.value), None if high is None else score.rms(high))
     if words == Verdict.INVISIBLE.value:
@@ -309,24 +308,16 @@ def _judged(layer: PlannedLayer, error: LayerError | NotMeasured | None, outline
     return {"verdict": words, "lowered_by": settings, "words": sentence}
 
 
-def _params(layer: PlannedLayer, outline: Outline) -> Params | None:
-    """The layer's own."""
-    if layer.params is None or not layer.of.is_lamp:
-        return layer.params
-    return outline.lights[layer.of.index].params_for(layer.effect, layer.params)
-
-
 def _sampled(
     layer: PlannedLayer,
     error: LayerError | NotMeasured | None,
-    outline: Outline,
     samples: int,
     chosen: Chosen | None,
 ) -> dict[str, Any]:
     """What LayerReport says of a layer's samples."""
     if chosen is None:
         return {"samples": samples}
-    params = _params(layer, outline)
+    params = layer.params
     advice = names_of(params.finer(), type(params)) if params is not None else ""
     words = target.told(chosen, error.method if isinstance(error, LayerError) else None, advice)
     return {"samples": chosen.samples, "in_passes": True, "target": chosen.target, "target_words": words}

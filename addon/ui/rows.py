@@ -6,12 +6,15 @@ from collections.abc import Iterable
 
 import bpy
 
+from ..core.conditions import Values
 from ..core.effect import Effect
 from ..core.params import NO_GROUP, Group, ParamSpec
 from ..core.ramp import Ramp
+from ..devices.start import traces_rays
 from ..effects.registry import EFFECTS
 from ..scene.own_settings import casts_shadow, is_composited, own_specs
 from . import boxes
+from .preferences import backend_of
 
 
 def parameters(
@@ -19,26 +22,33 @@ def parameters(
 ) -> None:
     """Rows for values of `group`, which Blender's context knows as `path`. Those that belong together fold up
     under a heading, so `layout` has to be a panel's own."""
+    by_name = {spec.name: spec for spec in specs}
+    is_traced = traces_rays(backend_of(bpy.context.scene.strata))
+
+    def value_of(name: str):
+        return by_name[name].settled(getattr(group, name), is_traced)
+
     grouped: dict[Group, list[ParamSpec]] = {}
-    for spec in specs:
+    for spec in by_name.values():
         grouped.setdefault(spec.group, []).append(spec)
-    _rows(layout, group, grouped.pop(NO_GROUP, ()), path, is_active)
+    _rows(layout, group, grouped.pop(NO_GROUP, ()), path, is_active, value_of)
     for each, members in grouped.items():
         header, body = layout.panel(f"{path}/{each.title}", default_closed=not each.is_open)
-        header.active = is_active and each.used_when.holds(lambda name: getattr(group, name))
+        header.active = is_active and each.used_when.holds(value_of)
         if each.switch:
             header.use_property_split = False
             header.prop(group, each.switch, text="")
         header.label(text=each.title)
         if body:
-            _rows(body, group, (spec for spec in members if spec.name != each.switch), path, is_active)
+            shown = (spec for spec in members if spec.name != each.switch)
+            _rows(body, group, shown, path, is_active, value_of)
 
 
-def _rows(layout, group, specs: Iterable[ParamSpec], path: str, is_active: bool) -> None:
+def _rows(layout, group, specs: Iterable[ParamSpec], path: str, is_active: bool, value_of: Values) -> None:
     column = layout.column()
     for spec in specs:
         row = column.column()
-        row.active = is_active and spec.used_when.holds(lambda name: getattr(group, name))
+        row.active = is_active and spec.used_when.holds(value_of)
         if spec.kind is Ramp:
             _ramp(row, group, path, spec.name)
         elif spec.unlimited:

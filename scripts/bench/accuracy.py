@@ -33,7 +33,11 @@ def courtyard(quick: bool) -> str:
     """Every light of the courtyard against Cycles: with default settings, and by hybrid."""
     samples, size = (16, (160, 90)) if quick else (64, (480, 270))
     rows = []
-    settings = {"default (bitmask)": {}, "hybrid, 32 rays": HYBRID}
+    settings = {
+        "bitmask": {"soft_shadow": {"method": "bitmask"}},
+        "default (rays)": {},
+        "hybrid, 32 rays": HYBRID,
+    }
     for name, found in against_cycles.compare_all(open_sample("courtyard"), samples, size, settings):
         figures = [
             rmse(found.rmse),

@@ -27,9 +27,9 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 PROBES = 2048
 HYBRID = {"values": {"soft_shadow": {"method": "hybrid"}}}
 BAKES = {
-    ("default (bitmask)", 8): {},
+    ("bitmask", 8): {"values": {"soft_shadow": {"method": "bitmask"}}},
     ("hybrid", 8): HYBRID,
-    ("rays", 8): {"values": {"soft_shadow": {"method": "rays"}}},
+    ("default (rays)", 8): {},
 }
 """What `Options` takes beside samples, by a name and the samples a pixel."""
 OF_COURTYARD = {

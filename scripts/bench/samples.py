@@ -19,11 +19,11 @@ from .scenes import open_sample
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 TRUTH = {"method": "rays", "sample_rays": 4}
 WAYS = {
-    "bitmask (default)": {},
-    "bitmask, 512²": {"resolution": 512, "max_samples": 256},
+    "bitmask": {"method": "bitmask"},
+    "bitmask, 512²": {"method": "bitmask", "resolution": 512, "max_samples": 256},
     "hybrid, 16": {"method": "hybrid", "rays": 16},
     "rays, 2": {"method": "rays", "sample_rays": 2},
-    "rays, 4": {"method": "rays"},
+    "rays, 4 (default)": {},
     "rays, 16": {"method": "rays", "sample_rays": 16},
 }
 SAMPLES = ("courtyard", "mist", "comic")

@@ -12,6 +12,7 @@ import numpy as np
 from strata.addon.core.arrays import Arrays
 from strata.addon.core.graph import Graph
 from strata.addon.core.outline import Light, Outline
+from strata.addon.core.params import Params
 from strata.addon.core.recorder import plan
 from strata.addon.devices.cpu import CpuDevice
 from strata.addon.effects.registry import EFFECTS
@@ -45,8 +46,8 @@ def open_bench(folder: Path) -> bpy.types.Scene:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A scene read and ready to bake on the CPU. `graph` is the plan of soft shadows at default settings,
-    `arrays` what it reads."""
+    """A scene read and ready to bake on the CPU. `graph` is the plan of soft shadows from maps, otherwise at
+    default settings, `arrays` what it reads."""
 
     outline: Outline
     arrays: Arrays
@@ -66,7 +67,12 @@ class Case:
         seen = seen_boxes(self.device, geometry, self.outline, self.graph.shot, visible)
         outline = replace(self.outline, distance_m=self.device.distance_m)
         shot = replace(self.graph.shot, seen=seen)
-        return plan(outline, shot, {SOFT_SHADOW: SOFT_SHADOW.params.checked("soft_shadow", values)})
+        return plan(outline, shot, {SOFT_SHADOW: with_maps(values)})
+
+
+def with_maps(values: dict) -> Params:
+    """Parameters of soft shadows, from maps unless they say something else."""
+    return SOFT_SHADOW.params.checked("soft_shadow", {"method": "bitmask"} | values)
 
 
 def read(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Case:
@@ -74,7 +80,7 @@ def read(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Case:
 
     def look(depsgraph) -> Case:
         found = scan(depsgraph, ScanOptions(size=size, camera=None))
-        graph = plan(found.outline, found.shot, {SOFT_SHADOW: SOFT_SHADOW.params()})
+        graph = plan(found.outline, found.shot, {SOFT_SHADOW: with_maps({})})
         arrays = extract(found, graph.wants, graph.instances)
         device = CpuDevice()
         device.set_scene(found.outline, arrays)

@@ -13,6 +13,7 @@ from strata.addon.measure.in_use import InUseScore
 from strata.addon.planning import Options
 from strata.addon.scene.open import choose, open_blend
 from strata.tests.support.places import SAMPLES, scene_files
+from strata.tests.support.settings import maps
 
 SMALL = (160, 90)
 EVERYTHING = ("soft_shadow", "volumetric_light", "toon")
@@ -119,7 +120,7 @@ def test_a_bake_is_the_same_bit_for_bit_from_run_to_run(backend):
 
 
 def test_the_render_region_is_computed_in_its_place():
-    options = Options(backend="cpu", samples=1, probes=0)
+    options = Options(backend="cpu", samples=1, probes=0, values=maps())
     whole = bake_file(SAMPLES / "stacked.blend", options)
     open_blend(SAMPLES / "stacked.blend")
     chosen = choose()

@@ -25,6 +25,7 @@ from strata.addon.measuring import Measuring
 from strata.addon.planning import Options, plan_scene
 from strata.tests.measure.scenes import random_scene, shot_of
 from strata.tests.support.flat_scenes import DOWN, FLOOR, PLATE, lamp, scene_of
+from strata.tests.support.settings import maps
 
 FROM_ABOVE = Shot("Camera", Raster(Camera("Camera", (0.0, 0.0, 10.0), **DOWN), (64, 64)))
 
@@ -64,7 +65,7 @@ def share_told(report) -> float:
 def test_what_layers_share_is_no_ones_own():
     outline, arrays = random_scene(1)
     lights = (outline.lights[0], replace(outline.lights[0], name="Other"))
-    baked = job_of(replace(outline, lights=lights), arrays, shot_of(1)).result()
+    baked = job_of(replace(outline, lights=lights), arrays, shot_of(1), values=maps()).result()
     shared = {"coarse_picture", "geometry", "surface"}
     first, second = baked.report.layers
     steps = dict.fromkeys(("shared", "own"), 0.0)

@@ -30,7 +30,7 @@ SIZE = (64, 35)  # of no whole tile
 
 def options(**more) -> Options:
     values = {
-        "soft_shadow": {"resolution": 128},
+        "soft_shadow": {"method": "bitmask", "resolution": 128},
         "volumetric_light": {"use_scene_medium": False, "light_samples": 1, "resolution": 64},
         "toon": {"halftone": True},
     }
@@ -83,7 +83,8 @@ import json
 from strata.addon.bake import bake
 from strata.addon.planning import Options
 {scene}
-options = Options(backend="cpu", samples={samples}, probes={probes}, effects={effects}, memory_bytes={budget})
+values = {{"soft_shadow": {{"method": "bitmask"}}}}
+options = Options({effects}, "cpu", {samples}, {probes}, values, memory_bytes={budget})
 baked = bake(scene, scene.view_layers[0], options, size=(320, 180))
 print(json.dumps(baked.layers.report))
 """
@@ -143,7 +144,7 @@ texture = nodes.new("ShaderNodeTexImage")
 texture.image = bpy.data.images.new("Leaf", 4096, 4096, alpha=True)
 for output, socket in (("Color", "Base Color"), ("Alpha", "Alpha")):
     links.new(texture.outputs[output], nodes["Principled BSDF"].inputs[socket])
-values = {"soft_shadow": {"resolution": 256}}
+values = {"soft_shadow": {"method": "bitmask", "resolution": 256}}
 options = Options(("soft_shadow",), "cpu", samples=1, probes=0, composite=True, values=values)
 told = read_plan(scene, scene.view_layers[0], lambda scene: options, size=(320, 180))[2]
 report = bake(scene, scene.view_layers[0], options, size=(320, 180)).layers.report
@@ -235,7 +236,7 @@ def test_a_map_that_is_too_large_is_one_line_and_no_abort():
 from strata.addon.bake import bake
 from strata.addon.planning import Options
 from strata.addon.core.errors import StrataError
-values = {"soft_shadow": {"resolution": 4096, "layers": 8}}
+values = {"soft_shadow": {"method": "bitmask", "resolution": 4096, "layers": 8}}
 options = Options(effects=("soft_shadow",), backend="cpu", samples=1, probes=0, values=values)
 try:
     bake(scene, scene.view_layers[0], options, size=(32, 18))

@@ -7,6 +7,7 @@ import pytest
 from strata.addon.core.medium import Medium
 from strata.addon.planning import Options, plan_scene
 from strata.tests.support.cards import LAMPS, baked, constant, scene_of, shot, textured
+from strata.tests.support.settings import maps
 
 STACKS = {
     "one": [constant(0.3)],
@@ -69,7 +70,7 @@ def test_what_is_whole_is_as_if_nothing_got_through(backend):
 def test_a_scene_without_partial_opacity_is_planned_as_ever():
     """Clips are maps' own business: no map is drawn for each sample, and nothing more is left to rays."""
     partly, _ = scene_of([constant(0.5)], "area")
-    options = Options(("soft_shadow",), "cpu", 8, 1)
+    options = Options(("soft_shadow",), "cpu", 8, 1, maps())
     assert "soft_shadow/leave_partial" in {
         node.step.name for node in plan_scene(partly, shot(), options).nodes()
     }

@@ -14,6 +14,7 @@ from strata.addon.passes import FEWEST_TO_BE_STUCK, USUAL_SAMPLES
 from strata.addon.planning import Options, plan_scene
 from strata.tests.bake.test_bake_job import FROM_ABOVE
 from strata.tests.support.flat_scenes import FLOOR, lamp, scene_of
+from strata.tests.support.settings import maps
 
 SOFT, CRISP = 2.0, 0.02
 
@@ -32,6 +33,7 @@ def two_lamps():
 def bake(scene=None, **options) -> Baked:
     outline, arrays = scene or two_lamps()
     given = {"most_samples": 64, "target_error": 0.008, "probes": 0, "effects": ("soft_shadow",)}
+    given["values"] = maps()
     chosen = Options(backend="cpu", **given | options)
     return BakeJob(outline, plan_scene(outline, FROM_ABOVE, chosen), arrays, chosen).result()
 

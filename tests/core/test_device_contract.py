@@ -85,7 +85,7 @@ def test_everything_that_is_declared_for_steps_is_called():
     }
     tables = {each.corners for each in ATTRIBUTES.values()}  # asked for by name
     for protocol in (contract.CpuSteps, contract.GpuSteps, contract.GpuGeometry):
-        assert members(protocol) - called - tables - {"set_scene", "description"} == set()
+        assert members(protocol) - called - tables - {"set_scene", "description", "traces_rays"} == set()
 
 
 def same_arguments(declared, real) -> bool:

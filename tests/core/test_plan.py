@@ -17,6 +17,7 @@ from strata.addon.planning import Options, plan_scene
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.scan import ScanOptions, scan
 from strata.tests.support.places import SAMPLES
+from strata.tests.support.settings import maps
 
 STEP = Step("step", cpu=lambda device, **params: None)
 DOWN = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
@@ -96,15 +97,13 @@ def test_only_the_moved_lights_maps_are_placed_again(courtyard, monkeypatch):
     run = import_module("strata.addon.effects.soft_shadow.run")  # its name is the effect's function too
     original = run.light_views
     monkeypatch.setattr(run, "light_views", light_views)
-    options = Options(("soft_shadow",), composite=True)
+    options = Options(("soft_shadow",), composite=True, values=maps())
     before = plan_scene(courtyard.outline, courtyard.shot, options)
     assert len(placed) == len(courtyard.outline.lights)
     placed.clear()
 
     again = plan_scene(courtyard.outline, courtyard.shot, options)
-    slid = plan_scene(
-        courtyard.outline, courtyard.shot, replace(options, values={"soft_shadow": {"refinements": 3}})
-    )
+    slid = plan_scene(courtyard.outline, courtyard.shot, replace(options, values=maps(refinements=3)))
     assert placed == []
     assert [node.key for node in again.nodes()] == [node.key for node in before.nodes()]
     assert {node.key for node in slid.nodes()} != {node.key for node in before.nodes()}
@@ -150,9 +149,7 @@ def low_panel():
 
 def test_wide_maps_need_not_draw_what_a_finer_one_holds_whole(low_panel, monkeypatch):
     """Nested windows share the work: texels of the finer window are not read of the wider map."""
-    options = Options(
-        ("soft_shadow",), "cpu", samples=1, probes=0, values={"soft_shadow": {"resolution": 256}}
-    )
+    options = Options(("soft_shadow",), "cpu", samples=1, probes=0, values=maps(resolution=256))
     *read, _ = read_scene(low_panel, low_panel.view_layers[0], options, size=(160, 160))
 
     def visibility() -> np.ndarray:

@@ -11,6 +11,7 @@ from strata.addon.planning import Options, plan_scene
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.scan import scan
 from strata.tests.support.places import SAMPLES
+from strata.tests.support.settings import maps
 from strata.tests.support.tiny_effects import HALF_KIND, HALF_SHADOW, LENS, LENS_STEP, NoParams, registry
 
 BOTH = registry(HALF_SHADOW)
@@ -66,7 +67,7 @@ def test_the_only_chosen_effect_is_the_provider(scanned):
 
 
 def test_others_build_on_what_the_provider_offers(scanned):
-    values = {"toon": {"shadow_edge": "soft"}}
+    values = {"toon": {"shadow_edge": "soft"}, **maps()}
     _, graph = planned(scanned, effects=("toon",), values=values)
     assert "soft_shadow/backproject" in {node.step.name for node in graph.nodes()}
     _, graph = planned(scanned, effects=("toon", "half_shadow"), values=values)

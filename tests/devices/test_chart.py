@@ -15,6 +15,7 @@ from strata.addon.devices.cpu import CpuDevice
 from strata.addon.planning import Options, plan_scene
 from strata.tests.support.flat_scenes import DOWN, FLOOR, PLATE, lamp, scene_of
 from strata.tests.support.gpu_scenes import gpu_device
+from strata.tests.support.settings import maps
 from strata.tests.support.tiny_effects import LENS, LENS_STEP, registry
 
 SIZE = (60, 60)
@@ -90,7 +91,7 @@ def seen_and_laid_out(backend, effects, **more):
     outline, arrays = charted()
     camera = Camera("Camera", (0.0, 0.0, 10.0), **DOWN, orthographic=True, orthographic_scale=SIDE)
     shots = Shot("Camera", Raster(camera, SIZE)), Shot("Chart", Chart.of(outline, "Box 0", SIZE))
-    options = Options(effects, backend, 1, 0, **more)
+    options = Options(effects, backend, 1, 0, **{"values": maps(), **more})
     graphs = [plan_scene(outline, shot, options) for shot in shots]
     return BakeJob(outline, graphs, arrays, options).results()
 

@@ -318,6 +318,7 @@ def test_sockets_follow_lights_and_effects(scene):
 
 def test_render_takes_animated_and_driven_settings(scene, tmp_path):
     settings = scene.strata.soft_shadow
+    settings.method = "bitmask"
     settings.keyframe_insert("method", frame=1)
     settings.method = "area"
     settings.keyframe_insert("method", frame=13)

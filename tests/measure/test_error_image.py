@@ -23,6 +23,7 @@ from strata.addon.measure.light import LightScore
 from strata.addon.measure.mask import MaskScore
 from strata.addon.planning import Options, plan_scene
 from strata.tests.support.flat_scenes import DOWN, FLOOR, PLATE, lamp, scene_of
+from strata.tests.support.settings import maps
 
 SIZE = (40, 60)
 FROM_ABOVE = Shot("Camera", Raster(Camera("Camera", (0.0, 0.0, 8.0), **DOWN), (64, 64)))
@@ -146,7 +147,7 @@ def test_a_mask_is_off_by_its_largest_difference():
 
 
 def test_a_bakes_image_is_that_of_its_figure():
-    baked = job_of(probes=2048, values={"soft_shadow": {"resolution": 128}}).result()
+    baked = job_of(probes=2048, values=maps(resolution=128)).result()
     (layer,), (image,), (told,) = baked.layers.layers, baked.layers.error_images, baked.report.layers
     assert image.name == told.error_image == "Soft Shadow Lamp Error"
     assert (image.channels, image.effect) == ("V", "")

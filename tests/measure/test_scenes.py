@@ -20,6 +20,7 @@ from strata.addon.measure.report import LayerError
 from strata.addon.planning import Options, plan_scene
 from strata.tests.measure.fields import LUMINANCE
 from strata.tests.measure.scenes import lamp, random_scene, shot_of
+from strata.tests.support.settings import maps
 
 SCENES = 50
 PROBES = 256
@@ -33,6 +34,7 @@ SETTINGS = [
     {"max_samples": 16},
     {"weight": "none"},
     {"samples": 4, "method": "hybrid"},
+    {"method": "automatic"},
     {"opacity": 0.4},
     {"opacity": 0.7, "rays": 0},
 ]
@@ -50,7 +52,7 @@ def bake(
             kept.append(probed)
             return super().measure(probed, *arguments)
 
-    values = {"soft_shadow": {"resolution": 256} | values}
+    values = maps(**{"resolution": 256} | values)
     options = Options(("soft_shadow",), "cpu", samples, 1, values, weight=weight)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("strata.addon.bake.Measurement", Keeping)

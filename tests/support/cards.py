@@ -15,6 +15,8 @@ from strata.addon.core.outline import Bounds, Instance, Light, Mesh, Outline
 from strata.addon.core.shot import Camera, Raster, Shot
 from strata.addon.planning import Options, plan_scene
 
+from .settings import MAPS
+
 IDENTITY = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
 DOWN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)
 SIZE = 48, 48
@@ -113,6 +115,7 @@ def baked(
     """What a bake of an effect gives; `medium`: of the world."""
     outline, arrays = scene_of(cards, lamp, are_seen)
     outline = replace(outline, world_medium=medium)
-    options = Options((effect,), backend, samples, 1, {effect: {"resolution": 256} | values})
+    values = MAPS.get(effect, {}) | {"resolution": 256} | values
+    options = Options((effect,), backend, samples, 1, {effect: values})
     job = BakeJob(outline, plan_scene(outline, shot(half_angle), options), arrays, options)
     return job.result()

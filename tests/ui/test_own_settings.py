@@ -10,15 +10,19 @@ from strata.addon.scene.open import open_blend
 from strata.addon.ui.properties import options_of
 from strata.addon.ui.rows import has_own_targets
 from strata.tests.support.places import SAMPLES
+from strata.tests.support.settings import maps
 
 
 def own_resolutions(scene, frame: int) -> dict[str, int]:
     """By light, the side of its first map, as a render at the frame plans it."""
-    _, graph, _, _ = read_scene(scene, scene.view_layers[0], Options(backend="cpu"), frame=frame)
+    for light in bpy.data.lights:
+        light.strata.soft_shadow.method = "bitmask"
+    options = Options(backend="cpu", values=maps())
+    _, graph, _, _ = read_scene(scene, scene.view_layers[0], options, frame=frame)
     found = {}
     for layer in graph.layers:
-        maps = [node for node in graph.nodes([layer.node]) if node.step.name == "layered_depth"]
-        found[layer.light] = max(node.params["width"] for node in maps)
+        drawn = [node for node in graph.nodes([layer.node]) if node.step.name == "layered_depth"]
+        found[layer.light] = max(node.params["width"] for node in drawn)
     return found
 
 

@@ -4,7 +4,7 @@ from ...core.effect import Effect, LayerKind
 from ...core.roles import Role, Subject
 from ..shared import visibility_truth
 from .gpu_steps import variants
-from .params import Method, SoftShadowParams
+from .params import SoftShadowParams
 from .run import needed, ruled_out, run, visibility
 
 EFFECT = Effect(
@@ -28,15 +28,21 @@ EFFECT = Effect(
     source="Bavoil, thesis, chapter 5; Schwarz and Stamminger 2007 (bitmask)",
     shaders=variants,
     presets={
-        "Draft": {"target_error": 0.05, "layers": 2, "resolution": 512, "max_samples": 128, "spacing": 2},
+        "Draft": {
+            "target_error": 0.05,
+            "sample_rays": 1,
+            "layers": 2,
+            "resolution": 512,
+            "max_samples": 128,
+            "spacing": 2,
+        },
         "Default": {},
         "Best": {
             "target_error": 0.01,
-            "method": Method.HYBRID,
+            "sample_rays": 16,
             "layers": 4,
             "resolution": 2048,
             "max_samples": 2048,
-            "rays": 256,
         },
     },
 )

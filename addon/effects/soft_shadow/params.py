@@ -10,8 +10,10 @@ from ...core.params import Group, Params, param
 
 
 class Method(Enum):
-    """How backprojected texels add up to occlusion, or rays without any map."""
+    """How backprojected texels add up to occlusion, or rays without any map. Automatic is rays wherever they
+    are traced: they take the least time, and all that they are wrong by falls with the number of samples."""
 
+    AUTOMATIC = "automatic"
     AREA = "area"
     BITMASK = "bitmask"
     HYBRID = "hybrid"
@@ -44,10 +46,11 @@ class SoftShadowParams(Params):
         doc="Side of each light's depth map",
     )
     method: Method = param(
-        Method.BITMASK,
+        Method.AUTOMATIC,
         per_light=True,
+        automatic=(Method.RAYS, Method.BITMASK),
         doc="How texels add up: area is the thesis's sum, bitmask counts light samples, hybrid adds rays; or "
-        "rays alone, a few for each of a pixel's samples",
+        "rays alone, a few for each of a pixel's samples. Automatic is rays on the CPU, bitmask on a GPU",
     )
     max_samples: int = param(
         512,

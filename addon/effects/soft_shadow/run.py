@@ -113,7 +113,7 @@ def _is_empty_area(light: Light) -> bool:
 
 def _record_light(recorder, outline, params, index, casters, receivers) -> Node:
     light = outline.lights[index]
-    params = light.params_for("soft_shadow", params)
+    params = recorder.own_params(params, Of.lamp(index), "soft_shadow")
     if not params.rays and params.method == Method.HYBRID:
         params = replace(params, method=Method.BITMASK)
     offsets = terminator.offsets_of(outline, recorder.shot)

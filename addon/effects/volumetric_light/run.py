@@ -76,7 +76,7 @@ def run(recorder: Recorder, outline: Outline, params: VolumetricLightParams) -> 
             recorder.left_out(f"Volumetric {light.name}", reason, light.name)
             continue
         casters = casters_of(light, outline.instances, region) if light.casts_shadow else frozenset()
-        own = light.params_for(EFFECT.id, params)
+        own = recorder.own_params(params, Of.lamp(index))
         parts, shares = [], []
         for number, source in enumerate(sources_of(light, own.light_samples)):
             parts.append(

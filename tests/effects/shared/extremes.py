@@ -14,6 +14,7 @@ from strata.addon.core.outline import Bounds, Instance, Light, Mesh, Outline
 from strata.addon.core.shot import Camera, Raster, Shot
 from strata.addon.planning import Options, plan_scene
 from strata.tests.effects.extremes import Row
+from strata.tests.support.settings import maps
 
 BOUND = 2e-6
 """Of the brightest pixel: some float32 roundings of products and their sums."""
@@ -60,7 +61,7 @@ def baked(device, read, size=SIZE, samples=SAMPLES):
         device.name,
         samples,
         0,
-        {"soft_shadow": {"resolution": 256}},
+        maps(resolution=256),
         lit=True,
         composite=True,
     )

@@ -10,6 +10,7 @@ import pytest
 from strata.addon.core.graph import Graph
 from strata.addon.effects.soft_shadow.close_casters import reach_m
 from strata.scripts.bench import against_cycles, close_casters
+from strata.tests.support.settings import maps
 
 SIZE = (60, 45)
 
@@ -54,7 +55,7 @@ def test_what_only_the_rim_of_a_spot_lights_is_shadowed_too():
 def test_a_shade_around_a_bulb_is_what_cycles_renders():
     """Cycles has its own lamps, rays and samples."""
     (what, *_) = close_casters.IN_CYCLES
-    settings = {"default": {}}
+    settings = {"bitmask": maps()}
     ((_, found),) = against_cycles.compare_all(close_casters.scene_of(*what), 128, SIZE, settings)
     assert 0.0 < found.cycles_noise < 0.01
     assert found.rmse < BOUND

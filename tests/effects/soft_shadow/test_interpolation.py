@@ -10,6 +10,7 @@ from strata.addon.bake import bake
 from strata.addon.planning import Options
 from strata.tests.effects.soft_shadow.scenes import GROUND, HIGH, LOW, UP, Stage, ground_points, lamp
 from strata.tests.support import closed_forms
+from strata.tests.support.settings import maps
 
 COUNT = 61
 
@@ -111,7 +112,7 @@ def tilted_plane_under_a_box() -> bpy.types.Scene:
 @pytest.mark.parametrize("spacing", [2, 3])
 def test_tiles_do_not_show(backend, spacing, monkeypatch):
     scene, size = tilted_plane_under_a_box(), (40, 30)
-    values = {"soft_shadow": {"spacing": spacing, "resolution": 256}}
+    values = maps(spacing=spacing, resolution=256)
     options = Options(("soft_shadow",), backend, samples=1, probes=0, values=values)
     found = []
     for rows in (30, 24, 7, 1):

@@ -11,6 +11,7 @@ from strata.addon.planning import Options
 from strata.scripts.bench.methods import accelerator_of, surface_of, traced
 from strata.scripts.bench.scenes import read
 from strata.tests.support.figures import weighted_rmse
+from strata.tests.support.settings import maps
 
 DOWN = Emitter(
     EmitterKind.DISTANT_DISK,
@@ -87,7 +88,7 @@ def fence():
 def error(scene, backend: str, **values) -> float:
     """RMSE at the pixels' centres against rays from the points that the rasteriser sees there, weighted by
     the light that would arrive."""
-    options = Options(("soft_shadow",), backend, samples=1, probes=0, values={"soft_shadow": values})
+    options = Options(("soft_shadow",), backend, samples=1, probes=0, values=maps(**values))
     (layer,) = bake(scene, scene.view_layers[0], options).layers.layers
     case = read(scene)
     surface, _ = surface_of(case)
