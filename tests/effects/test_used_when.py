@@ -83,7 +83,7 @@ def test_a_parameter_is_read_where_it_counts_and_nowhere_else(effect, seen):
 
     def keys(values) -> tuple:
         graph = plan_scene(seen.outline, seen.shot, Options((effect.id,), "cpu", values={effect.id: values}))
-        return tuple((layer.name, layer.node.key) for layer in graph.layers)
+        return tuple((layer.name, layer.node.key, layer.target_error) for layer in graph.layers)
 
     for situation in situations(specs):
         values = {name: spec.default for name, spec in specs.items()} | situation
