@@ -8,7 +8,8 @@ from .terminal import Interrupts, Progress
 
 def held_against_cycles(baked, job, arguments, scene, view_layer, interrupts: Interrupts, progress: Progress):
     """The same bake, held against Cycles."""
-    from ..addon.audit.audit import audited, kept_scene, not_audited
+    from ..addon.audit.audit import audited, not_audited
+    from ..addon.audit.other_blender import kept_scene
 
     def show(share: float) -> None:
         interrupts.check()

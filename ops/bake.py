@@ -7,7 +7,8 @@ from functools import partial
 
 import bpy
 
-from ..addon.audit.audit import audited, kept_scene
+from ..addon.audit.audit import audited
+from ..addon.audit.other_blender import kept_scene
 from ..addon.bake import Baked, BakeJob, read_job
 from ..addon.core.errors import Cancelled, StrataError, one_line, sentence
 from ..addon.job import Runner, run_to_end

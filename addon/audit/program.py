@@ -180,4 +180,5 @@ def only(scene, view_layer, of: str, media: list) -> None:
             tree.links.new(source, target)
 
 
-main(sys.argv[-1])
+if __name__ == "__main__":
+    main(sys.argv[-1])

@@ -10,7 +10,8 @@ from functools import partial
 
 import bpy
 import numpy as np
-from strata.addon.audit.audit import audited, kept_scene
+from strata.addon.audit.audit import audited
+from strata.addon.audit.other_blender import kept_scene
 from strata.addon.bake import read_job
 from strata.addon.planning import Options
 from strata.scripts.bench.document import rmse, table

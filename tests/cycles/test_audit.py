@@ -10,7 +10,9 @@ import bpy
 import pytest
 import strata
 from strata.addon.audit import audit as module
-from strata.addon.audit.audit import audited, kept_scene
+from strata.addon.audit import other_blender
+from strata.addon.audit.audit import audited
+from strata.addon.audit.other_blender import kept_scene
 from strata.addon.bake import BakeJob, read_job
 from strata.addon.core.errors import Cancelled
 from strata.addon.measure.report_text import format_table
@@ -195,7 +197,7 @@ def test_a_copy_that_cannot_be_saved_costs_no_layer(monkeypatch, tmp_path):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(module.tempfile, "TemporaryDirectory", full)
+    monkeypatch.setattr(other_blender.tempfile, "TemporaryDirectory", full)
     report, out = tmp_path / "report.json", tmp_path / "out.exr"
     assert main(command(SAMPLES / "stacked.blend", out, report, "32x18", samples=1, probes=0)) == 0
     assert out.is_file()
