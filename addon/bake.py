@@ -29,6 +29,7 @@ from .devices.start import Devices, start_devices
 from .effects.shared.coarse_picture import take_coarse_picture
 from .effects.shared.steps import ray_accelerator
 from .measure.budget import SHARE, MeasuringOutlook
+from .measure.footprint import Probed
 from .measure.kept_samples import pixels_to_keep
 from .measure.measure import Measurement
 from .measure.report import LayerError, NotMeasured
@@ -51,7 +52,8 @@ class BakeJob:
     what they have in common. `advance` works for about a budget of seconds, so that it can run in time slices
     on the main thread (a GPU) or to its end on a worker thread (the CPU). What a graph lacks of `sequence` is
     neutral in the result; `warnings` go to its report. Where `tiles` is a queue, it gets tiles of the
-    composite so far, each as its first row and its pixels (rows, width, 4)."""
+    composite so far, each as its first row and its pixels (rows, width, 4). `look(probed)`, where it is set,
+    sees each layer that is measured, and may work in slices."""
 
     def __init__(
         self,
@@ -79,6 +81,7 @@ class BakeJob:
         self._forecasts: list[Forecast] = []  # of this shot and those to come
         self._measuring: Measuring | None = None
         self.tiles: deque[tuple[int, np.ndarray]] | None = None
+        self.look: Callable[[Probed], Generator[None]] | None = None
         self._warnings = [*warnings, *outline.warnings, *arrays.warnings]
         made = [layer.name for layer in self.graph.layers if layer.effect]
         if options.samples_of and (unknown := [name for name in made if name not in options.samples_of]):
@@ -192,6 +195,7 @@ class BakeJob:
             self._measuring = Measuring(
                 measurement, outlook, executor, outline, graph, sampling, before, options.error_images
             )
+            self._measuring.look = self.look
             if options.probes != 0:
                 pixels = sampling.width * sampling.height
                 execution.kept_pixels = pixels_to_keep(pixels, sampling.samples, options.seed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import replace
 from typing import Any
 
@@ -57,6 +57,7 @@ class Measuring:
         self._unread = unread_materials(outline.materials)
         self._clear_rays: CpuRays | None = None  # past all that is unread
         self.watching_seconds: dict[str, float] = {}  # by layer
+        self.look: Callable[[Probed], Generator[None]] | None = None  # at each measured layer
         self.seconds = 0.0  # of all so far, without the error images
 
     def errors(self, graph: Graph) -> Generator[None, None, dict[str, LayerError | NotMeasured]]:
@@ -83,6 +84,8 @@ class Measuring:
             errors[layer.name] = error
             if self._pixels:
                 yield from self._make_image(probed, isinstance(error, LayerError))
+            if self.look:
+                yield from self.look(probed)
             execution.samples_of.pop(layer.name, None)
         return errors
 

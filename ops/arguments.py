@@ -66,6 +66,16 @@ def whole_number(low: int, high: int):
     return parse
 
 
+def numbers(low: int, high: int):
+    """The type of a flag that takes whole numbers in [low, high], `1,2,4`: ascending, each once."""
+    one = whole_number(low, high)
+
+    def parse(text: str) -> tuple[int, ...]:
+        return tuple(sorted({one(part.strip()) for part in text.split(",")}))
+
+    return parse
+
+
 def share(text: str) -> float:
     """`.02`: from 0 to less than 1."""
     match = re.fullmatch(r"0?\.\d{1,9}|0", text.strip())
@@ -130,10 +140,12 @@ def _add_exr_flag(command: argparse.ArgumentParser, spec: ParamSpec) -> None:
 def build_parser(needs_scene: bool) -> Parser:
     """`needs_scene`: inside `blender -b SCENE.blend --command strata`, the scene is already open."""
     parser = Parser(prog="strata", description="Light and style effects, baked into layers with their error.")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="bake|effects|plan")
-    scene = _scene_flags(needs_scene)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="bake|report|effects|plan")
+    scene, sampling = _scene_flags(needs_scene), _sampling_flags()
 
-    bake = commands.add_parser("bake", parents=[scene], help="bake the layers of a scene into an EXR")
+    bake = commands.add_parser(
+        "bake", parents=[scene, sampling], help="bake the layers of a scene into an EXR"
+    )
     bake.add_argument("-o", "--output", required=True, metavar="OUT.exr",
                       help="where to, a folder too; #### is the frame number")  # fmt: skip
     bake.add_argument("--backend", choices=("auto", "cpu", "gpu"), help="default: the scene's, or auto")
@@ -158,12 +170,45 @@ def build_parser(needs_scene: bool) -> Parser:
         _add_exr_flag(bake, spec)
     bake.add_argument("-q", "--quiet", action="store_true", help="say nothing but what went wrong")
 
+    report = commands.add_parser("report", parents=[scene], help="error against time, as a page with plots")
+    report.add_argument("-o", "--output", required=True, metavar="FOLDER",
+                        help="where to; what is there of the same report is gone on with")  # fmt: skip
+    report.add_argument("--rivals", type=names, metavar="a,b",
+                        help="who else makes the same layers, such as cycles (default: nobody)")  # fmt: skip
+    report.add_argument("--samples", type=numbers(1, MOST_SAMPLES), metavar="1,2,4",
+                        help="how many surfaces per pixel to try (default: 1 to 64)")  # fmt: skip
+    report.add_argument("--samples-only", action="store_true",
+                        help="leave parameters as the scene has them")  # fmt: skip
+    report.add_argument("--repeats", type=whole_number(1, 100), default=3, metavar="N",
+                        help="how often each setting is timed (default: 3)")  # fmt: skip
+    report.add_argument("--backend", choices=("auto", "cpu", "gpu"), help="default: the scene's, or auto")
+    report.add_argument(
+        "--seed", type=whole_number(0, 0xFFFFFFFF), default=0, metavar="N", help="of the random numbers"
+    )
+    report.add_argument("-q", "--quiet", action="store_true", help="say nothing but what went wrong")
+
     effects = commands.add_parser("effects", help="what there is, with parameters and ranges")
     effects.add_argument("--json", action="store_true")
 
-    plan = commands.add_parser("plan", parents=[scene], help="what would run, what is left out and why")
+    plan = commands.add_parser(
+        "plan", parents=[scene, sampling], help="what would run, what is left out and why"
+    )
     plan.add_argument("--json", action="store_true")
     return parser
+
+
+def _sampling_flags() -> argparse.ArgumentParser:
+    flags = argparse.ArgumentParser(add_help=False)
+    flags.add_argument("--samples", type=whole_number(1, MOST_SAMPLES), metavar="N",
+                      help="surfaces per pixel; with a target error or a time budget at most so many "
+                      "(default: the scene's)")  # fmt: skip
+    flags.add_argument("--target-error", type=share, metavar=".02",
+                      help="each layer gets as many samples as bring its error down to that, at most "
+                      "--samples (default: the scene's; 0: none)")  # fmt: skip
+    flags.add_argument("--time-budget", type=seconds, dest="time_budget_s", metavar="10",
+                      help="as many samples as there is time for, in seconds a frame, at most --samples "
+                      "(default: the scene's; 0: any)")  # fmt: skip
+    return flags
 
 
 def _scene_flags(needs_scene: bool) -> argparse.ArgumentParser:
@@ -192,15 +237,6 @@ def _scene_flags(needs_scene: bool) -> argparse.ArgumentParser:
                        help="most a side of what Blender bakes (default: the scene's, or 1024)")  # fmt: skip
     flags.add_argument("--rgb-layers", action="store_true", default=None,
                        help="shadows in colour, channel by channel (default: the scene's)")  # fmt: skip
-    flags.add_argument("--samples", type=whole_number(1, MOST_SAMPLES), metavar="N",
-                      help="surfaces per pixel; with a target error or a time budget at most so many "
-                      "(default: the scene's)")  # fmt: skip
-    flags.add_argument("--target-error", type=share, metavar=".02",
-                      help="each layer gets as many samples as bring its error down to that, at most "
-                      "--samples (default: the scene's; 0: none)")  # fmt: skip
-    flags.add_argument("--time-budget", type=seconds, dest="time_budget_s", metavar="10",
-                      help="as many samples as there is time for, in seconds a frame, at most --samples "
-                      "(default: the scene's; 0: any)")  # fmt: skip
     flags.add_argument("--memory", type=memory, metavar="4G",
                        help="what a bake may take beside Blender itself (default: the scene's)")  # fmt: skip
     flags.add_argument("--set", type=setting, action="append", default=[], metavar="EFFECT.PARAMETER=VALUE",

@@ -390,4 +390,21 @@ def _write(arguments: argparse.Namespace, frame: int, bakes: list) -> None:
             stream.write(text.encode() + b"\n")
 
 
-_COMMANDS = {"bake": _bake, "effects": _effects, "plan": _plan}
+def _report(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
+    from ..addon.planning import Options
+    from ..addon.report.rivals.registry import named
+    from ..addon.ui.properties import options_of
+    from .report import folder_of, made, options_given
+
+    given = options_given(arguments)
+    Options(**{name: value for name, value in given.items() if value is not None}).chosen()
+    named(arguments.rivals or ())
+    folder = folder_of(arguments)
+    with _properties():
+        chosen, _ = _open(arguments, interrupts)
+        given["lights"] = _lights(arguments, chosen)
+        made(arguments, chosen, folder, partial(options_of, **given), out, interrupts)
+    return OK
+
+
+_COMMANDS = {"bake": _bake, "effects": _effects, "plan": _plan, "report": _report}

@@ -55,8 +55,8 @@ _IN_LABELS = {"m": ("_m", ""), "pixel": ("_px", ""), "1/m": ("_per_m", "/m")}
 class ParamSpec:
     """One parameter: `kind` is int, float, bool, str, a Lamp, an Enum of strings, a Colour or a Ramp; `hard`
     is what is accepted, `soft` what a slider offers, both inclusive (of each of a Colour's channels);
-    `trades_time` says that raising it costs time and lowers error; `per_light` that a light may have a value
-    of its own.
+    `trades_time` says that raising it costs time and lowers error, or that its choices differ so;
+    `per_light` that a light may have a value of its own.
 
     `label` is what a panel calls it, short enough for its column, `group` where it stands there, `words` what
     choices are called where that is not the value itself; `used_when` is where it counts at all, which for
@@ -228,6 +228,7 @@ class Params:
             spec.name
             for spec in self.specs()
             if spec.trades_time
+            and not spec.choices
             and spec.used_when.holds(self.__getattribute__)
             and (spec.hard is None or getattr(self, spec.name) < spec.hard[1])
         )

@@ -25,6 +25,7 @@ from .report import LayerError
 from .strata import NOTHING, Difficulty, Stratum, finite, largest_nearby, mean_weight, nearby, scaling_codes
 from .survey import BinarySurvey, EmptySurvey, GroupedSurvey, Screened, Survey, allot, looks_again
 from .watch import Watch, likely_pixels
+from .whole import Whole
 
 VIEWS, SAMPLES = 16, 2
 """Of a probe: view rays of each half, and of each view ray rays of each estimate."""
@@ -57,6 +58,8 @@ SCALE_SETS = 2
 """Of LIT_VIEWS view rays each: they tell how sure it is."""
 IMAGE_VIEWS = 8, 24
 """Of a pixel of an error image: view rays of each half, and how many more where the halves disagree."""
+WHOLE_VIEWS, WHOLE_AT_ONCE = 8, 1 << 12
+"""Of every pixel, view rays of each half; and pixels at once."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,12 @@ class InUseScore:
         self, probed: Probed, seed: int, show: Callable[[int], None]
     ) -> Generator[None, None, ErrorImage]:
         return self._measuring(probed, 0, seed).image(show)
+
+    def whole(
+        self, probed: Probed, pixels: np.ndarray, seed: int, show: Callable[[int], None]
+    ) -> Generator[None, None, Whole]:
+        """The truth at `pixels` (P,), whatever the layer holds; `show` is told of pixels as they are done."""
+        return self._measuring(probed, 0, seed).whole(pixels, show)
 
     def _measuring(self, probed: Probed, probes: int, seed: int) -> _Measuring:
         told = probed.layer, probed.layers, probed.casters
@@ -170,6 +179,18 @@ class _Measuring:
 
         size = self.probed.image.shape[:2]
         return (yield from error_image(halves, size, IMAGE_VIEWS, self.seed, show))
+
+    def whole(self, pixels: np.ndarray, show: Callable[[int], None]) -> Generator[None, None, Whole]:
+        self.scale = yield from self._found_scale()
+        parts = []
+        for number, start in enumerate(range(0, len(pixels), WHOLE_AT_ONCE)):
+            part = pixels[start : start + WHOLE_AT_ONCE]
+            own = int(hash_bits(self.seed, 5, number))
+            looked = yield from seen(self.probed, self.truth, part, WHOLE_VIEWS, SAMPLES, own, 2)
+            found = deviations(np.zeros((len(part), self.values.shape[1])), looked, self.scale)
+            parts.append([each.astype(np.float32) for each in (found.errors, found.slopes, found.has_light)])
+            show(len(part))
+        return Whole(pixels, self.pixels, *map(np.concatenate, zip(*parts, strict=True)))
 
     def watch(self, samples: int) -> Generator[None, None, Watch]:
         self.scale = yield from self._found_scale()

@@ -104,7 +104,7 @@ def _tooltip(spec: ParamSpec, called: dict[str, str]) -> str:
         text += f" (unit: {spec.unit})"
     if used_when := spec.used_when.words(called.__getitem__):
         text += f". Counts where {used_when}"
-    return text + (". More is slower and more exact" if spec.trades_time else "")
+    return text + (". More is slower and more exact" if spec.trades_time and not spec.choices else "")
 
 
 def _enum_items(spec: ParamSpec) -> list[tuple[str, str, str, int]]:

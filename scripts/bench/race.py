@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from strata.addon.report.curve import Curve
 
 from . import cycles, embree
-from .curve import Curve
 from .document import milliseconds, rmse, significant, table, times
 from .machine import interleaved
 from .methods import Effect, Rays, Surface, surface_of

@@ -19,6 +19,7 @@ DOCUMENTS = {
     **{f"addon/effects/{effect.id}/README.md": f"{effect.id}_notes.html" for effect in EFFECTS},
     "docs/preview.md": "preview.html",
     "docs/accuracy.md": "accuracy.html",
+    "docs/report.md": "report.html",
     "docs/performance.md": "performance.html",
     "docs/stability.md": "stability.html",
     "docs/architecture.md": "architecture.html",

@@ -28,6 +28,7 @@ RANKS = {
     "addon/speeds.py": 3,
     "addon/job.py": 3,
     "addon/audit": 4,
+    "addon/report": 4,
     "addon/sequence.py": 4,
     "addon/ui": 4,
     "addon/preview": 4,
@@ -38,7 +39,10 @@ RANKS = {
 }
 # Who may import what, at any depth. Everything else in the package must run without Blender.
 IMPORTERS = {
-    "bpy": ("addon/audit", "addon/scene", "addon/layers", "addon/ui", "addon/preview", "addon/engine", "ops"),
+    "bpy": (
+        *("addon/audit", "addon/report", "addon/scene", "addon/layers", "addon/ui", "addon/preview"),
+        *("addon/engine", "ops"),
+    ),
     "gpu": ("addon/devices/gpu", "addon/preview"),
     "gpu_extras": (),
     "bgl": (),

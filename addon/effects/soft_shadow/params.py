@@ -47,6 +47,7 @@ class SoftShadowParams(Params):
     )
     method: Method = param(
         Method.AUTOMATIC,
+        trades_time=True,
         per_light=True,
         automatic=(Method.RAYS, Method.BITMASK),
         doc="How texels add up: area is the thesis's sum, bitmask counts light samples, hybrid adds rays; or "

@@ -83,11 +83,13 @@ class VolumetricLightParams(Params):
     )
     method: Method = param(
         Method.WALK,
+        trades_time=True,
         words={"lut": "Table"},
         doc="walk integrates each lit stretch; lut reads a table of the antiderivative",
     )
     scale: Scale = param(
         Scale.FULL,
+        trades_time=True,
         label="Resolution",
         words={"1": "Full", "1/2": "Half", "1/4": "Quarter"},
         doc="Side of the evaluated image to that of the baked one; depths guide the way back",

@@ -1,0 +1,20 @@
+"""All rivals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ...core.errors import StrataError
+from .cycles import CYCLES
+from .rival import Rival
+
+RIVALS: tuple[Rival, ...] = (CYCLES,)
+
+
+def named(words: Sequence[str]) -> list[Rival]:
+    """Raises StrataError for one that there is not."""
+    known = {rival.id: rival for rival in RIVALS}
+    for word in words:
+        if word not in known:
+            raise StrataError(f"no rival '{word}'; there is {', '.join(known)}")
+    return [known[word] for word in words]
