@@ -133,25 +133,22 @@ class Recorder:
             return
         self.reads_instances(casters)
         effect = self.effect.id if self.effect else ""
+        params = self.params and self.own_params(self.params, of)
         layer = PlannedLayer(
             name,
             effect,
             node,
             kind,
-            self.params and self.own_params(self.params, of),
+            params,
             light,
             of,
             casters,
             depth=depth,
             joins=self._joins(kind, of),
             pass_name=pass_name,
-            target_error=self._target_error(of) if effect else 0.0,
+            target_error=params.target_error or self.params.target_error if params else 0.0,
         )
         self._layers.append(layer)
-
-    def _target_error(self, of: Of) -> float:
-        """The lamp's own, or else the effect's."""
-        return self.own_params(self.params, of).target_error or self.params.target_error
 
     def own_params[P: Params](self, params: P, of: Of, effect_id: str = "") -> P:
         """An effect's `params` (the one's that is recorded, or that called `effect_id`) for what is `of` a

@@ -22,9 +22,10 @@ from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.viewport import Placement, hides_objects
 from strata.tests.support.places import SAMPLES
 from strata.tests.support.procedural import card, clear_by, floor_scene, noise
+from strata.tests.support.settings import maps
 
 SIZE = (160, 90)
-SMALL_MAPS = {"soft_shadow": {"resolution": 256}}
+SMALL_MAPS = maps(resolution=256)
 BUDGET_MS = 1e9  # no frame of these tests is ever too slow, so that the scale stays
 
 
