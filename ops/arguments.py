@@ -140,7 +140,9 @@ def _add_exr_flag(command: argparse.ArgumentParser, spec: ParamSpec) -> None:
 def build_parser(needs_scene: bool) -> Parser:
     """`needs_scene`: inside `blender -b SCENE.blend --command strata`, the scene is already open."""
     parser = Parser(prog="strata", description="Light and style effects, baked into layers with their error.")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="bake|report|effects|plan")
+    commands = parser.add_subparsers(
+        dest="command", required=True, metavar="bake|report|compare|effects|plan"
+    )
     scene, sampling = _scene_flags(needs_scene), _sampling_flags()
 
     bake = commands.add_parser(
@@ -186,6 +188,16 @@ def build_parser(needs_scene: bool) -> Parser:
         "--seed", type=whole_number(0, 0xFFFFFFFF), default=0, metavar="N", help="of the random numbers"
     )
     report.add_argument("-q", "--quiet", action="store_true", help="say nothing but what went wrong")
+
+    compare = commands.add_parser("compare", help="layers of two files beside each other")
+    compare.add_argument("first", metavar="A.exr")
+    compare.add_argument("second", metavar="B.exr", help="what it should be")
+    compare.add_argument("--layers", type=names, metavar="A,B", help="only these passes (default: all of B)")
+    compare.add_argument("--limit", type=share, metavar=".02",
+                         help="exit code 1 where a layer differs by more, root mean square")  # fmt: skip
+    compare.add_argument("-o", "--output", metavar="FOLDER", help="for pictures of the differences")
+    compare.add_argument("--json", action="store_true")
+    compare.add_argument("-q", "--quiet", action="store_true", help="say nothing but what went wrong")
 
     effects = commands.add_parser("effects", help="what there is, with parameters and ranges")
     effects.add_argument("--json", action="store_true")

@@ -407,4 +407,10 @@ def _report(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) 
     return OK
 
 
-_COMMANDS = {"bake": _bake, "effects": _effects, "plan": _plan, "report": _report}
+def _compare(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
+    from .compare import compare
+
+    return compare(arguments, out)
+
+
+_COMMANDS = {"bake": _bake, "effects": _effects, "plan": _plan, "report": _report, "compare": _compare}

@@ -18,7 +18,7 @@ from ..core.graph import Graph, PlannedLayer
 from ..core.outline import Outline
 from ..core.roles import Role
 from ..core.working_space import luminance_of
-from ..layers.exr_pixels import read_plain
+from ..layers.exr_pixels import read_pixels
 from .grid import grid_of
 from .other_blender import Scene, request_of, run_program
 from .score import Audit, audit_of, of_added, of_multiplied
@@ -126,7 +126,7 @@ def _rendered(scene: Scene, request: dict, is_cancelled, show) -> list[np.ndarra
     run_program(scene, PROGRAM, request, paths, is_cancelled, look)
     images = []
     for path, render in zip(paths, request["renders"], strict=True):
-        planes = read_plain(path)
+        planes = read_pixels(path)
         passes = [_pass(planes, f"{request['view_layer']}.{name}") for name in _PASSES[render["of"]]]
         images.append(np.prod(passes, axis=0))
     return images

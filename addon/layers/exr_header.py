@@ -25,12 +25,25 @@ Box = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class PartHeader:
-    """`texts` are attributes of type string, `channels` full names."""
+    """`texts` are attributes of type string, `channels` full names, `types` as the file numbers them (0:
+    whole numbers, 1: half, 2: float), and so is `compression`."""
 
     channels: tuple[str, ...]
+    types: tuple[int, ...]
     data_window: Box
     display_window: Box
     texts: dict[str, str]
+    compression: int = 0
+    is_tiled: bool = False
+
+    @property
+    def width(self) -> int:
+        """Pixels that there are."""
+        return self.data_window[2] - self.data_window[0] + 1
+
+    @property
+    def height(self) -> int:
+        return self.data_window[3] - self.data_window[1] + 1
 
 
 @dataclass(frozen=True)
@@ -117,17 +130,20 @@ def _part(stream: BinaryIO) -> PartHeader | None:
     if not found:
         return None
     windows = (struct.unpack("<4i", found[name]) for name in ("dataWindow", "displayWindow"))
-    return PartHeader(_channels(found["channels"]), *windows, texts)
+    channels = _channels(found["channels"])
+    names, types = tuple(name for name, _ in channels), tuple(kind for _, kind in channels)
+    return PartHeader(names, types, *windows, texts, found["compression"][0], "tiles" in found)
 
 
-def _channels(data: bytes) -> tuple[str, ...]:
-    """Names, each with 16 bytes of other things behind it."""
-    names, start = [], 0
+def _channels(data: bytes) -> list[tuple[str, int]]:
+    """Names and types; 16 bytes are behind each name, of which the type takes four."""
+    found, start = [], 0
     while start < len(data) - 1:
         end = data.index(b"\0", start)
-        names.append(data[start:end].decode(errors="replace"))
+        (kind,) = struct.unpack_from("<i", data, end + 1)
+        found.append((data[start:end].decode(errors="replace"), kind))
         start = end + 17
-    return tuple(names)
+    return found
 
 
 def _name(stream: BinaryIO) -> str:

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from ...audit.other_blender import run_program
-from ...layers.exr_pixels import read_plain
+from ...layers.exr_pixels import read_pixels
 from ..cost import Cost
 from ..setting import Setting
 from .rival import Case, Found, factor
@@ -87,7 +87,7 @@ def _rendered(
     run_program(case.scene, PROGRAM, request, [*paths, costs], look=look)
     found = []
     for path, render in zip(paths, renders, strict=True):
-        planes = read_plain(path)
+        planes = read_pixels(path)
         view_layer = f"{request['view_layer']}.Combined_"
         before = "" if render["denoise"] else view_layer
         found.append(
