@@ -44,12 +44,18 @@ class Places:
         """(TABLE_LENGTH,) int16: what equal shares of the filter lie about, in 1/SUBPIXELS of a pixel."""
         return whole_quantiles(self.pixel_filter)
 
+    @property
+    def reach(self) -> float:
+        """How far from its pixel's centre a place may lie, along either axis, pixels."""
+        return float(np.abs(self.table).max()) / SUBPIXELS
+
     def offsets(self, pixels: np.ndarray, sample: int) -> np.ndarray:
         """(N, 2) float64 from the centres of `pixels` (N, 2), columns and rows, in pixels: whole multiples of
         1/SUBPIXELS. Twin of `pixel_offsets` in kernels/src/raster/places.rs, to the last bit."""
         columns, rows = np.asarray(pixels, np.int64).T
         keys = pcg(pcg(self.seed ^ (columns & 0xFFFFFFFF)) ^ (rows & 0xFFFFFFFF))
-        bits = [_scrambled(sample, pcg(keys)), _scrambled(_reversed(sobol(sample)), keys)]
+        x, y = dimensions(sample)
+        bits = [_scrambled(x, pcg(keys)), _scrambled(y, keys)]
         shares = np.stack([_reversed(each) for each in bits], axis=1) >> np.uint32(32 - _BITS)
         return self.table[shares] / SUBPIXELS
 
@@ -57,13 +63,13 @@ class Places:
 _BITS = TABLE_LENGTH.bit_length() - 1
 
 
-def sobol(number: int) -> int:
-    """The second dimension of the sequence, 32 bits; the first is the number's own, reversed."""
+def dimensions(number: int) -> tuple[int, int]:
+    """Sobol's point of this number, 32 bits of each dimension, in reverse order."""
     direction, value = 1 << 31, 0
     for bit in range(32):
         value ^= direction * (number >> bit & 1)
         direction ^= direction >> 1
-    return value
+    return number, _reversed(value)
 
 
 def _scrambled(reversed_bits: int, seeds: np.ndarray) -> np.ndarray:

@@ -14,12 +14,13 @@ import numpy as np
 from ..core.arrays import Arrays, Placed, bytes_of
 from ..core.errors import Cancelled
 from ..core.outline import Outline
+from ..core.placement import dimensions
 from ..core.shader import Shader
 from ..core.surface import Chunk
 from ..core.uniforms import Uniforms
 from .gpu_context import started
 from .gpu_crop import cropped
-from .gpu_geometry import GpuGeometry
+from .gpu_geometry import GpuGeometry, halves
 from .gpu_image import TABLE_WIDTH, GpuImage, from_texels, stack_columns, texture_format, to_texels
 from .gpu_image import texture_size as size_of
 from .gpu_meshes import GpuMeshes
@@ -30,6 +31,12 @@ SPLIT_TO_INTEGER = Shader(
     samplers=(("halves", "FLOAT_2D"),),
     images=(("integers", "R32UI", "WRITE"),),
     params=("size",),
+)
+OFFSETS = Shader(
+    "effects/shared/offsets.glsl",
+    samplers=(("quantiles", "FLOAT_2D"),),
+    images=(("offsets", "RG32F", "WRITE"),),
+    params=("size", "seed", "dimensions"),
 )
 # Orders what draws stored before what comes next: the gpu module puts a barrier after dispatches only.
 BARRIER = Shader("effects/shared/barrier.glsl", group=(1, 1))
@@ -60,6 +67,7 @@ class GpuDevice:
         self._textures: dict[int, tuple[np.ndarray, GpuImage]] = {}  # by identity of the texels
         self._meshes: GpuMeshes | None = None
         self._kept: dict[str, Any] = {}
+        self._offsets: tuple[Chunk, GpuImage] | None = None
         self._images: WeakSet[GpuImage] = WeakSet()
         self._gpu = started()
         _alive.add(self)
@@ -184,10 +192,26 @@ class GpuDevice:
             self._kept[name] = make()
         return self._kept[name]
 
-    def offsets(self, chunk: Chunk) -> None:
-        """Device.offsets: none but those that all pixels share. Raises NotImplementedError for others."""
-        if chunk.places is not None:
-            raise NotImplementedError("pixels are sampled at places of their own on the CPU only")
+    def offsets(self, chunk: Chunk) -> GpuImage | None:
+        """Device.offsets; the device keeps it until it is asked for another one's."""
+        places = chunk.places
+        if places is None:
+            return None
+        if self._offsets is None or self._offsets[0] != chunk:
+            table = self.constant(
+                f"quantiles {places.pixel_filter}", lambda: self.upload(places.table[None].astype(np.float32))
+            )
+            if self._offsets is not None:
+                self.release(self._offsets[1])
+            (rows, columns), image = chunk.shape, self.new_image((*chunk.shape, 2))
+            params = {
+                "size": (columns, rows, chunk.x0, chunk.y0),
+                "seed": halves(places.seed),
+                "dimensions": halves(dimensions(chunk.sample)).ravel(),
+            }
+            self.dispatch(OFFSETS, (columns, rows), {"offsets": image}, {"quantiles": table}, params)
+            self._offsets = chunk, image
+        return self._offsets[1]
 
     def instance_mask(self, instances: Iterable[int]) -> np.ndarray:
         """(instance count,) uint8, 1 at `instances`."""
@@ -198,6 +222,7 @@ class GpuDevice:
     def free(self) -> None:
         """Lets go of everything on the GPU, also of values that others hold still."""
         self._kept.clear()
+        self._offsets = None
         self._textures.clear()
         self._vertices, self._vertex_count, self._meshes = None, 0, None
         for image in self._images:

@@ -19,6 +19,7 @@ from strata.scripts.bench import (
     machine,
     measuring,
     passes,
+    placement,
     race,
     samples,
     scenes,
@@ -71,6 +72,11 @@ def run_goals(folder: Path, quick: bool) -> str:
     return goals.tables(found)
 
 
+def run_placement(folder: Path, quick: bool) -> str:
+    """Surfaces of pixels that share their places and of such that do not."""
+    return placement.times(quick)
+
+
 def run_idle(folder: Path, quick: bool) -> str:
     """With and without useless objects."""
     return idle.tables(idle.run(size=(240, 135) if quick else None, repeats=1 if quick else 5))
@@ -117,6 +123,7 @@ SECTIONS = {
     "samples": run_samples,
     "passes": run_passes,
     "goals": run_goals,
+    "placement": run_placement,
     "idle": run_idle,
     "lamps": run_lamps,
     "sixty_lamps": run_sixty_lamps,

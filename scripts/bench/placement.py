@@ -12,6 +12,7 @@ from strata.addon.core.sampling import footprints, jitters
 from strata.addon.core.shot import PixelFilter
 from strata.addon.core.view import View
 
+from . import machine
 from .document import significant, table
 from .samples import SAMPLES, TRUTH, baked, in_use
 from .scenes import open_sample, read
@@ -22,11 +23,11 @@ FREQUENCY, FALSE = 0.9, 0.1
 """Cycles a pixel: of the grating, and of what it must not become."""
 SIDE = 500  # pixels: a whole number of periods of either
 EDGES, EDGE_SIDE, FINE = 64, 32, 4096
-METHODS = {"bitmask": {}, "rays": {"method": "rays"}}
+METHODS = {"bitmask": {"method": "bitmask"}, "rays": {"method": "rays"}}
 
 
 def section(quick: bool) -> str:
-    """All of it."""
+    """What is right, of either."""
     told = {Placement.SHARED: "shared", Placement.PER_PIXEL: "per pixel"}
     counts = (1, 4) if quick else (1, 4, 16, 64)
     gratings, edges, used = [], [], []
@@ -66,7 +67,6 @@ def section(quick: bool) -> str:
             f"Soft shadows, {size[0]}x{size[1]}: error in use, root mean square over the lamps, against "
             f"{most} samples of {TRUTH['sample_rays']} rays, by samples a pixel.",
             table(["scene", "method", "placement", *map(str, some)], used),
-            _times(quick),
         ]
     )
 
@@ -144,7 +144,7 @@ def _edge_errors(placement: Placement, pixel_filter: PixelFilter, counts) -> lis
     return [float(np.sqrt(np.concatenate(each).mean())) for each in squares.values()]
 
 
-def _times(quick: bool) -> str:
+def times(quick: bool) -> str:
     """What either costs in the rasteriser."""
     rows, size, rounds = [], (960, 540), 1 if quick else 5
     for name in SAMPLES:
@@ -162,6 +162,6 @@ def _times(quick: bool) -> str:
         rows.append([name, significant(1e3 * shared, 3), significant(1e3 * own, 3), f"{own / shared:.2f}"])
     return (
         f"The surface of one sample, {size[0]}x{size[1]}, positions and normals, places included: CPU "
-        f"milliseconds of all cores, the lower of {rounds}.\n\n"
+        f"milliseconds of all cores, the lower of {rounds}. {machine.description()}.\n\n"
         + table(["scene", "shared", "per pixel", "ratio"], rows)
     )

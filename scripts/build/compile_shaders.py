@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import bpy  # noqa: F401 (the gpu module comes with it)
 from strata.addon.core.errors import ShaderError
 from strata.addon.core.shader import Shader
-from strata.addon.devices.gpu import BARRIER, SPLIT_TO_INTEGER, GpuDevice
+from strata.addon.devices.gpu import BARRIER, OFFSETS, SPLIT_TO_INTEGER, GpuDevice
 from strata.addon.devices.gpu_meshes import COPY_PAIRS, COPY_ROWS
 from strata.addon.effects.registry import EFFECTS
 from strata.addon.effects.shared import gpu_lit as lit
@@ -22,7 +22,7 @@ from strata.addon.effects.shared import gpu_steps as shared
 
 def all_shaders() -> Iterator[Shader]:
     """Every program that Strata may compile, each once."""
-    yield from (BARRIER, SPLIT_TO_INTEGER, COPY_ROWS, COPY_PAIRS)
+    yield from (BARRIER, OFFSETS, SPLIT_TO_INTEGER, COPY_ROWS, COPY_PAIRS)
     yield from shared.variants()
     yield from lit.variants()
     for effect in EFFECTS:

@@ -20,11 +20,11 @@ from strata.tests.support.places import SAMPLES
 STEPS = ("surface", "layered_depth", "soft_shadow/prepare", "soft_shadow/backproject")
 
 
-def baked(path, backend: str, method: str):
+def baked(path, backend: str, method: str, **more):
     open_blend(path)
     chosen = choose()
     values = {"soft_shadow": {"method": method, "resolution": 256}}
-    options = Options(backend=backend, samples=1, probes=0, values=values)
+    options = Options(backend=backend, samples=1, probes=0, values=values, **more)
     return bake(chosen.scene, chosen.view_layer, options, size=(128, 72)).layers
 
 
@@ -49,6 +49,18 @@ def assert_alike(on_cpu, on_gpu):
         assert (np.abs(difference) > 0.02).mean() < 0.01, cpu.name
         assert abs(difference.mean()) < 5e-4, cpu.name
         assert np.sqrt((difference**2).mean()) < 0.02, cpu.name
+
+
+@pytest.mark.parametrize(("name", "effect"), [("comic", "toon"), ("mist", "volumetric_light")])
+def test_pixels_with_places_of_their_own_are_those_of_the_cpu(name, effect):
+    """In a bounded haze too, whose entries and exits are found on the CPU."""
+    gpu_device()
+    effects = {"effects": (effect,), "placement": "per_pixel"}
+    sets = [baked(SAMPLES / f"{name}.blend", backend, "bitmask", **effects) for backend in ("cpu", "gpu")]
+    failed = [warning for warning in sets[1].report["warnings"] if "failed on gpu" in warning]
+    assert all(warning.startswith("step 'volumetric_light/spans'") for warning in failed)
+    assert ("surface", "gpu") in {(step["name"], step["device"]) for step in sets[1].report["steps"]}
+    assert_alike(*sets)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ blender -b --gpu-backend vulkan --python scripts/in_blender.py -- \
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +18,8 @@ def main(source: str, target: str, kernels: str) -> None:
     sys.path.append(kernels)
     from strata.addon.core.arrays import Arrays, MeshArrays, Opacities
     from strata.addon.core.emitter import Emitter, EmitterKind
+    from strata.addon.core.placement import Places
+    from strata.addon.core.shot import PixelFilter
     from strata.addon.core.surface import Chunk
     from strata.addon.core.view import View
     from strata.addon.devices.gpu import GpuDevice
@@ -39,11 +42,14 @@ def main(source: str, target: str, kernels: str) -> None:
     height, width = data["size"]
     chunk = Chunk(int(width), int(height), 0, int(height), 0, (0.0, 0.0))
     surface = shared.surface(device, geometry, camera, drawn, chunk, attributes)
+    own = replace(chunk, places=Places(7, PixelFilter()))
+    scattered = shared.surface(device, geometry, camera, drawn, own, attributes)
     depths = shared.layered_depth(device, geometry, light, drawn, 4, 96, 96)
     prepared = soft_shadow.prepare(device, depths, light, 1.0, 1e9)
     kind, numbers = EmitterKind(int(data["emitter"][0])), data["emitter"]
     emitter = Emitter(kind, *(tuple(numbers[i : i + 3]) for i in (1, 4, 7, 10)), *numbers[13:18])
     results = {"depths": depths, **surface}
+    results |= {f"own {name}": image for name, image in scattered.items()}
     for method in ("bitmask", "area"):
         shadow = soft_shadow.backproject(
             device,

@@ -6,12 +6,15 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import strata_kernels
 from strata.addon.core.emitter import Emitter, EmitterKind
+from strata.addon.core.placement import Places
+from strata.addon.core.shot import PixelFilter
 from strata.addon.core.surface import Chunk
 from strata.addon.core.view import View
 from strata.addon.effects.shared.steps import LAYERED_DEPTH, SURFACE
@@ -46,7 +49,9 @@ def expected(mesh) -> dict[str, np.ndarray]:
     attributes = frozenset({"position", "geometric_normal", "shading_normal", "depth", "triangle"})
     surface = SURFACE.cpu(cpu, geometry, CAMERA, frozenset({0}), chunk, attributes)
     depths = LAYERED_DEPTH.cpu(cpu, geometry, LIGHT, frozenset({0}), 4, 96, 96)
-    found = {**surface, "depths": depths}
+    own = replace(chunk, places=Places(7, PixelFilter()))
+    scattered = SURFACE.cpu(cpu, geometry, CAMERA, frozenset({0}), own, attributes)
+    found = {**surface, "depths": depths, **{f"own {name}": each for name, each in scattered.items()}}
     prepared = PREPARE.cpu(cpu, depths, LIGHT, 1.0, 1e9)
     settings = {"eye": CAMERA.eye, "emitter": EMITTER, "maps": 1, "max_samples": 512, "refinements": 2}
     settings["spacing"] = 1

@@ -1,8 +1,30 @@
 // What every fragment stage starts with: its depth, and whether it is there at all.
 #include "tables.glsl"
 
+#ifdef PLACES
+#include "scattered.glsl"
+#endif
+
 #ifdef TESTED
 #include "chance.glsl"
+
+#ifdef PLACES
+vec2 uv;
+float factor;
+
+// What is interpolated elsewhere.
+void find_uv()
+{
+  uv = vec2(0.0);
+  factor = 0.0;
+  for (uint i = 0u; i < 3u; i++) {
+    uv += weights[i] * texelFetch(corner_uvs, table_texel(3u * ids.y + i), 0).xy;
+#ifdef BY_CORNER
+    factor += weights[i] * texelFetch(corner_opacity, table_texel(3u * ids.y + i), 0).x;
+#endif
+  }
+}
+#endif
 
 // What is kept (gpu_steps.py), besides what is drawn by chance.
 const float WHOLE = 0.0, PARTIAL = 1.0;
@@ -62,7 +84,9 @@ bool is_kept()
 // triangle by extrapolation, so the triangle's own range bounds it.
 float fragment_depth()
 {
-#ifdef ORTHOGRAPHIC
+#ifdef PLACES
+  float depth = met_depth;
+#elif defined(ORTHOGRAPHIC)
   float depth = linear_depth;
 #else
   float depth = 1.0 / gl_FragCoord.w;
@@ -75,6 +99,9 @@ float fragment_depth()
 bool is_there(float depth)
 {
 #ifdef TESTED
+#ifdef PLACES
+  find_uv();
+#endif
   if (!is_kept()) {
     return false;
   }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -16,6 +17,7 @@ RULES = ("whole", "partial", "drawn")
 """What is kept of what is not wholly opaque (steps.py), as shaders know it."""
 MAX_LAYERS = 16  # as kernels/src/raster/layers.rs
 MAX_SIDE = 32768  # as kernels/src/raster/camera.rs
+TRIANGLES_OF_BOX = 2  # as pull.glsl
 IMAGES_AT_ONCE = 7  # OpenGL promises 8 image units
 
 VERTEX_SAMPLERS = tuple(
@@ -57,28 +59,40 @@ SURFACE = Shader(
 )
 
 
-def raster_variant(shader: Shader, orthographic: bool, is_tested: bool, by_corner: bool = False) -> Shader:
-    """The raster program for a kind of view, which looks each fragment's opacity up or not."""
-    samplers, varyings, defines = shader.samplers, shader.varyings, []
+def raster_variant(
+    shader: Shader, orthographic: bool, is_tested: bool, by_corner: bool = False, has_places: bool = False
+) -> Shader:
+    """The raster program for a kind of view, which looks each fragment's opacity up or not; `has_places`:
+    pixels are sampled at their own."""
+    samplers, varyings, defines, params = shader.samplers, shader.varyings, [], shader.params
+    smooth = []
+    if has_places:
+        defines.append("PLACES")
+        varyings = (*varyings, *(("flat", "VEC4", f"corner_{each}") for each in "abc"))
+        samplers, params = (*samplers, ("offsets", "FLOAT_2D")), (*params, "places")
     if orthographic:
         defines.append("ORTHOGRAPHIC")
-        varyings = (*varyings, ("smooth", "FLOAT", "linear_depth"))
+        smooth.append(("smooth", "FLOAT", "linear_depth"))
     if is_tested:
         defines.append("TESTED")
-        varyings = (*varyings, ("flat", "UVEC2", "side"), ("smooth", "VEC2", "uv"))
+        varyings = (*varyings, ("flat", "UVEC2", "side"))
+        smooth.append(("smooth", "VEC2", "uv"))
         samplers = (*samplers, *((name, "FLOAT_2D") for name in ("corner_uvs", "front", "back")))
     if by_corner:
         defines.append("BY_CORNER")
-        varyings = (*varyings, ("smooth", "FLOAT", "factor"))
+        smooth.append(("smooth", "FLOAT", "factor"))
         samplers = (*samplers, ("corner_opacity", "FLOAT_2D"))
-    return _replaced(shader, samplers, varyings, defines)
+    varyings = varyings if has_places else (*varyings, *smooth)
+    return replace(_replaced(shader, samplers, varyings, defines), params=params)
 
 
-def surface_variant(attributes: tuple[str, ...], orthographic: bool, has_holes: bool = False) -> Shader:
+def surface_variant(
+    attributes: tuple[str, ...], orthographic: bool, has_holes: bool = False, has_places: bool = False
+) -> Shader:
     """The program that writes these attributes, at most IMAGES_AT_ONCE."""
     carried = {name: ATTRIBUTES[name] for name in attributes}
     tables = dict.fromkeys(each.corners for each in carried.values() if each.corners)
-    names = (*tables, *(["holdouts"] if has_holes else []))
+    names = (*tables, *(["holdouts"] * has_holes), *(["offsets"] * has_places))
     samplers = (*SURFACE.samplers, *((name, "FLOAT_2D") for name in names))
     formats = {1: "R32F", 2: "RG32F", 3: "RGBA32F"}
     images = tuple(
@@ -86,7 +100,7 @@ def surface_variant(attributes: tuple[str, ...], orthographic: bool, has_holes: 
         for name, each in carried.items()
     )
     defines = [name.upper() for name in attributes] + ["ORTHOGRAPHIC"] * orthographic
-    defines += ["HOLDOUTS"] * has_holes
+    defines += ["HOLDOUTS"] * has_holes + ["PLACES"] * has_places
     return _replaced(SURFACE, samplers, (), defines, images)
 
 
@@ -100,10 +114,13 @@ def variants() -> Iterator[Shader]:
     for orthographic in (False, True):
         for looks_up in ((False,), (True,), (True, True)):
             yield raster_variant(LAYERED_DEPTH, orthographic, *looks_up)
-            yield raster_variant(VISIBILITY, orthographic, *looks_up)
+            for has_places in (False, True):
+                tested = (*looks_up, False)[:2]
+                yield raster_variant(VISIBILITY, orthographic, *tested, has_places)
         for first in range(0, len(ATTRIBUTES), IMAGES_AT_ONCE):
             names = tuple(sorted(ATTRIBUTES))[first : first + IMAGES_AT_ONCE]
-            yield from (surface_variant(names, orthographic, has_holes) for has_holes in (False, True))
+            for has_holes, has_places in product((False, True), repeat=2):
+                yield surface_variant(names, orthographic, has_holes, has_places)
 
 
 def geometry(device, scene):
@@ -123,7 +140,7 @@ def surface(
     """A dict of images, as the CPU's twin has arrays."""
     size, shape = (chunk.width, chunk.height), chunk.shape
     _check_view(view, size)
-    device.offsets(chunk)
+    offsets = device.offsets(chunk)
     nearest = device.new_image((*shape, 2), np.uint32)
     device.clear(nearest, 0)
     low, high = geometry.depth_bounds(view, visible)
@@ -136,7 +153,7 @@ def surface(
     rule = RULES.index("drawn"), chunk.sample, chunk.x0, chunk.y0
     _draw_all(
         device, VISIBILITY, geometry, drawn, view, high, nearest, depth, matrices,
-        {}, {"depth": (low, depth_scale), "rule": rule}, seed,
+        {}, {"depth": (low, depth_scale), "rule": rule}, seed, offsets, chunk,
     )  # fmt: skip
     return _attributes(device, geometry, drawn, view, chunk, sorted(attributes), nearest, holdouts)
 
@@ -163,6 +180,8 @@ def _attributes(device, geometry, drawn, view: View, chunk: Chunk, names: list[s
         "positions": geometry.positions,
         "matrices": geometry.eye_matrices(view),
     }
+    if (offsets := device.offsets(chunk)) is not None:
+        samplers["offsets"] = offsets
     images, holes = {}, mask_table(device, holdouts) if holdouts else None
     if holdouts:
         samplers["holdouts"] = holes
@@ -175,7 +194,7 @@ def _attributes(device, geometry, drawn, view: View, chunk: Chunk, names: list[s
             if each.corners:
                 samplers[each.corners] = getattr(geometry, each.corners)
         outputs = {f"{name}_out": images[name] for name in group}
-        shader = surface_variant(group, view.orthographic, bool(holdouts))
+        shader = surface_variant(group, view.orthographic, bool(holdouts), offsets is not None)
         device.dispatch(shader, (columns, rows), outputs, samplers, params)
     device.release(holes)
     return images
@@ -217,10 +236,11 @@ def layered_depth(
 
 
 def _draw_all(
-    device, shader, geometry, drawn, view: View, high, target, depth, matrices, images, params, seed: int
-):
+    device, shader, geometry, drawn, view: View, high, target, depth, matrices, images, params, seed: int,
+    offsets=None, chunk: Chunk | None = None,
+):  # fmt: skip
     """Draws a draw list, each range by its own program, in pieces that one vertex buffer serves. `seed`: of
-    what is there by chance."""
+    what is there by chance; `offsets`: where the chunk's pixels are sampled, if at their own places."""
     samplers = {
         "blocks": drawn.blocks,
         "runs": drawn.runs,
@@ -231,6 +251,12 @@ def _draw_all(
     # Beyond every vertex, so that an orthographic view clips nothing at the back.
     behind = 0.5 / max(abs(high - view.near), 1e-30) if np.isfinite(high) else 1.0
     params = params | {"range": (view.near, min(view.far, 3.0e38), behind)}
+    most = device.TRIANGLES_PER_DRAW
+    if offsets is not None:
+        rows, columns = chunk.shape
+        # A pixel more, lest rounding leave any out.
+        params |= {"places": (columns, rows, chunk.places.reach + 1.0)}
+        samplers["offsets"], most = offsets, most // TRIANGLES_OF_BOX
     for part in drawn.ranges:
         bound, sides, by_corner = dict(samplers), {"front": (), "back": ()}, False
         if part.material is not None:
@@ -244,9 +270,10 @@ def _draw_all(
             bound["corner_uvs"] = geometry.corner_uvs
             if by_corner:
                 bound["corner_opacity"] = geometry.corner_opacity
-        program = raster_variant(shader, view.orthographic, part.material is not None, by_corner)
-        for first in range(part.first, part.first + part.count, device.TRIANGLES_PER_DRAW):
-            count = min(device.TRIANGLES_PER_DRAW, part.first + part.count - first)
+        has_places = offsets is not None
+        program = raster_variant(shader, view.orthographic, part.material is not None, by_corner, has_places)
+        for first in range(part.first, part.first + part.count, most):
+            count = min(most, part.first + part.count - first) * (TRIANGLES_OF_BOX if has_places else 1)
             number = (first >> 16, first & 0xFFFF, seed >> 16, seed & 0xFFFF)
             now = params | sides | {"draw": number}
             device.draw(program, count, target, depth, images, bound, now)

@@ -36,7 +36,11 @@ vec3 turned(uint instance, uint first_row, vec3 v)
 
 Ray ray_of(ivec2 pixel)
 {
-  vec2 at = params.window.xy + (params.size.zw + vec2(pixel)) * params.window.zw;
+  vec2 place = params.size.zw + vec2(pixel);
+#ifdef PLACES
+  place += texelFetch(offsets, pixel, 0).xy;
+#endif
+  vec2 at = params.window.xy + place * params.window.zw;
   vec3 across = params.right.xyz * at.x + params.up.xyz * at.y;
 #ifdef ORTHOGRAPHIC
   return Ray(across, params.forward.xyz);

@@ -3,6 +3,11 @@
 
 void main()
 {
+#ifdef PLACES
+  if (!is_met()) {
+    discard;
+  }
+#endif
   float depth = fragment_depth();
   if (!is_there(depth)) {
     discard;

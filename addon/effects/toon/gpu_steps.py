@@ -143,9 +143,10 @@ def _shade_variant(base: bool, by_instance: bool, rim: bool) -> Shader:
     return _variant(SHADE, {"BASE": base, "BY_INSTANCE": by_instance, "RIM": rim}, samplers)
 
 
-def _halftone_variant(anchor: str) -> Shader:
-    wanted = {"OBJECT": anchor == "object", "SURFACE": anchor == "surface"}
-    return _variant(HALFTONE, wanted, {"SURFACE": (("geometric_normal", "FLOAT_2D"),)})
+def _halftone_variant(anchor: str, has_places: bool = False) -> Shader:
+    wanted = {"OBJECT": anchor == "object", "SURFACE": anchor == "surface", "PLACES": has_places}
+    more = {"SURFACE": (("geometric_normal", "FLOAT_2D"),), "PLACES": (("offsets", "FLOAT_2D"),)}
+    return _variant(HALFTONE, wanted, more)
 
 
 def _outline_variant(lines: bool) -> Shader:
@@ -173,7 +174,7 @@ def variants() -> Iterator[Shader]:
         if any(wanted):
             yield _lines_variant(*wanted)
     for anchor in ("screen", "object", "surface"):
-        yield _halftone_variant(anchor)
+        yield from (_halftone_variant(anchor, has_places) for has_places in (False, True))
     for lines in either:
         yield _outline_variant(lines)
 
@@ -292,7 +293,6 @@ def shade(
 
 def halftone(device, surface, light, anchors, inked, chunk: Chunk, **pattern):
     """An image (h, w), as the kernel of the same name."""
-    device.offsets(chunk)
     shape = light.shape[:2]
     size = shape[::-1]
     rows = np.zeros((max(len(anchors), 1), 4, 4), np.float32)
@@ -306,7 +306,10 @@ def halftone(device, surface, light, anchors, inked, chunk: Chunk, **pattern):
         samplers["geometric_normal"] = surface["geometric_normal"]
     params = HalftoneParams(**vars(pattern_of(chunk, **pattern)), size=size)
     result = device.new_image(shape)
-    device.dispatch(_halftone_variant(pattern["anchor"]), size, {"result": result}, samplers, params)
+    if (offsets := device.offsets(chunk)) is not None:
+        samplers["offsets"] = offsets
+    shader = _halftone_variant(pattern["anchor"], offsets is not None)
+    device.dispatch(shader, size, {"result": result}, samplers, params)
     device.release(table)
     return result
 

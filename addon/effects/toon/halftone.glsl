@@ -63,7 +63,11 @@ void main()
 #  ifdef OBJECT
     origin = texelFetch(anchors, table_texel(4u * uint(which)), 0).xy;
 #  endif
-    vec2 at = turned(params.first + vec2(pixel) - origin);
+    vec2 place = params.first + vec2(pixel);
+#ifdef PLACES
+    place += texelFetch(offsets, pixel, 0).xy;
+#endif
+    vec2 at = turned(place - origin);
     vec2 reach = vec2(params.half_footprint * length(params.turn));
 #endif
     paper = 1.0 - fade * coverage(at, reach, 0.5 * s);

@@ -6,7 +6,8 @@
 //   params.window  left, bottom, and texels per slope (metre) across and up; params.reach: right, top, near
 //   params.map     width and height in texels, levels, 1 where there is a map and 0 where all in the window is lit
 //   params.map_x   the map's axes, with the camera's eye in them as w
-//   params.walk    nodes a panel; row of a block that stands for it; the share of the source that the map is of
+//   params.walk    nodes a panel; row of a block that stands for it; the share of the source that the map is of; 1 where
+//                  rays go through places of their pixels' own, which `offsets` has then
 //   params.table   with TABLE, the source's own method: its reach, and metres from the eye to the light
 struct Ray {
   vec3 origin;  // relative to the eye
@@ -275,7 +276,11 @@ void main()
   }
   ivec2 shown = pixel * int(params.size.w) + ivec2(params.reach.w, params.walk.y);
   float depth_here = texelFetch(depth, shown, 0).r;
-  vec2 at = params.first.xy + (vec2(params.right.w, params.up.w) + vec2(pixel)) * params.first.zw;
+  vec2 place = vec2(params.right.w, params.up.w) + vec2(pixel);
+  if (params.walk.w > 0.0) { // each through its pixel's own place
+    place += texelFetch(offsets, shown, 0).xy / params.size.w;
+  }
+  vec2 at = params.first.xy + place * params.first.zw;
   vec3 across = at.x * params.right.xyz + at.y * params.up.xyz;
   float per_depth = 1.0;
 #ifdef PARALLEL

@@ -37,7 +37,7 @@ MEDIUM_PARAMS = ("extinction", "scattering", "phase", "light", "axis", "cone", "
 WINDOW_PARAMS = ("window", "reach", "map", "map_x", "map_y", "map_z")
 AIRLIGHT = Shader(
     f"{FOLDER}/airlight.glsl",
-    samplers=(("depth", "FLOAT_2D"), ("nodes", "FLOAT_2D")),
+    samplers=(("depth", "FLOAT_2D"), ("nodes", "FLOAT_2D"), ("offsets", "FLOAT_2D")),
     images=(("result", "RGBA32F", "READ_WRITE"),),
     params=(*RAY_PARAMS, *MEDIUM_PARAMS, *WINDOW_PARAMS),
 )
@@ -61,7 +61,7 @@ TABLE = Shader(
 TABLE_SIZE = (256, 512)  # distances and angles, as table.rs
 TRANSMITTANCE = Shader(
     f"{FOLDER}/transmittance.glsl",
-    samplers=(("depth", "FLOAT_2D"),),
+    samplers=(("depth", "FLOAT_2D"), ("offsets", "FLOAT_2D")),
     images=(("result", "RGBA32F", "WRITE"),),
     params=("size", "first", "extinction", "range"),
 )
@@ -146,8 +146,10 @@ def medium_map(device, depth, view: View):
 
 
 def spans(device, geometry, view: View, instances, layers: int, stride: int, chunk: Chunk):
-    """An image (layers, rows, columns) of the lattice."""
-    device.offsets(chunk)
+    """An image (layers, rows, columns) of the lattice. Raises NotImplementedError where pixels are sampled at
+    places of their own."""
+    if chunk.places is not None:
+        raise NotImplementedError("entries and exits at pixels' own places are found on the CPU")
     lattice = lattice_of(view, chunk, stride)
     return shared.layered_depth(
         device, geometry, lattice.seen(), instances, layers, lattice.width, lattice.height
@@ -212,7 +214,6 @@ def _evaluate(
 ):
     """`samplers` and `own` parameters of this reach; `ways`: maps of the medium to look up how far light has
     come through it."""
-    device.offsets(chunk)
     lattice = lattice_of(view, chunk, stride)
     size, offset = (lattice.width, lattice.height), lattice.shown
     result = device.new_image((size[1], size[0], 3))
@@ -225,6 +226,8 @@ def _evaluate(
         **own,
     }
     samplers = {"depth": surface["depth"], "nodes": _nodes(device, order), **samplers}
+    offsets = device.offsets(chunk)
+    samplers["offsets"] = offsets or surface["depth"]
     for number, (window, seen, prepared, points) in enumerate(_passes(maps, counts, windows, ways)):
         shader = _airlight_variant(source.kind, window, view.orthographic, reach)
         now, bound = dict.fromkeys(WINDOW_PARAMS, ()), {}
@@ -235,7 +238,10 @@ def _evaluate(
             way = next((way for way in ways if seen is None or _look_alike(way["view"], seen)), None)
             now |= _way_params(way, view)
             bound["way"] = way["depths"] if way else samplers["depth"]
-        now |= {"size": (*size, float(number == 0), stride), "walk": (order, offset[1], points / len(counts))}
+        now |= {
+            "size": (*size, float(number == 0), stride),
+            "walk": (order, offset[1], points / len(counts), offsets is not None),
+        }
         now["reach"] = (*(now["reach"] or (0, 0, 0)), offset[0])
         device.dispatch(shader, size, {"result": result}, samplers | bound, params | now)
     return result
@@ -387,17 +393,17 @@ def _transmittance_variant(parallel: bool, bounded: bool) -> Shader:
 
 
 def _transmittance(device, surface, view: View, medium: Medium, chunk: Chunk, samplers, own):
-    device.offsets(chunk)
-    lattice = lattice_of(view, chunk)
+    lattice, offsets = lattice_of(view, chunk), device.offsets(chunk)
     result = device.new_image((lattice.height, lattice.width, 3))
     size = lattice.width, lattice.height
     params = {
         "size": (*size, *lattice.origin),
         "first": (*lattice.first, *lattice.step),
         "extinction": medium.extinction,
-        "range": (view.near,),
+        "range": (view.near, offsets is not None),
         **own,
     }
     shader = _transmittance_variant(view.orthographic, bool(own))
-    device.dispatch(shader, size, {"result": result}, {"depth": surface["depth"], **samplers}, params)
+    samplers = {"depth": surface["depth"], **samplers, "offsets": offsets or surface["depth"]}
+    device.dispatch(shader, size, {"result": result}, samplers, params)
     return result

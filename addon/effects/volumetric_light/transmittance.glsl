@@ -11,7 +11,11 @@ void main()
   }
   float per_depth = 1.0;
 #ifndef PARALLEL
-  vec2 at = params.first.xy + (params.size.zw + vec2(pixel)) * params.first.zw;
+  vec2 place = params.size.zw + vec2(pixel);
+  if (params.range.y > 0.0) { // each through its pixel's own place
+    place += texelFetch(offsets, pixel, 0).xy;
+  }
+  vec2 at = params.first.xy + place * params.first.zw;
   per_depth = sqrt(1.0 + dot(at, at));
 #endif
   float end = min(texelFetch(depth, pixel, 0).r, 1e30) * per_depth, near = params.range.x * per_depth;

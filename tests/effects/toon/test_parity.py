@@ -6,9 +6,12 @@ falls the other way: a ramp's step, a dot's cutoff. Those may be a few pixels in
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from strata.addon.core.arrays import Opacities
+from strata.addon.core.placement import Places
 from strata.addon.core.ramp import Ramp
 from strata.addon.core.shot import PixelFilter
 from strata.addon.core.surface import ATTRIBUTES, Chunk
@@ -145,7 +148,8 @@ def test_glow(stage):
 
 @pytest.mark.parametrize("anchor", ["screen", "object", "surface"])
 @pytest.mark.parametrize("size", [0.7, 1.3])
-def test_halftone(stage, anchor, size):
+@pytest.mark.parametrize("places", [None, Places(4, PixelFilter())])
+def test_halftone(stage, anchor, size, places):
     rng = np.random.default_rng(4)
     anchors = np.zeros((7, 12), np.float32)
     anchors[:, :2] = rng.uniform(0, 90, (7, 2))
@@ -155,8 +159,9 @@ def test_halftone(stage, anchor, size):
     cell = 0.3 if anchor == "surface" else 8.0
     cpu, gpu = stage.both(
         steps.HALFTONE, stage.surface, stage.light, anchors=anchors, inked=b"\1\1\1\0\1\1\1",
-        chunk=stage.chunk, anchor=anchor, origin=(3, 5), turn=(0.8 / cell, 0.6 / cell), dot=(size, 0.1, 0.9),
-        fade=(-0.2, 9.0), view=CAMERA, pixel_filter=PixelFilter("BOX", 0.6),
+        chunk=replace(stage.chunk, places=places), anchor=anchor, origin=(3, 5),
+        turn=(0.8 / cell, 0.6 / cell), dot=(size, 0.1, 0.9), fade=(-0.2, 9.0), view=CAMERA,
+        pixel_filter=PixelFilter("BOX", 0.6),
     )  # fmt: skip
     assert 0.3 < cpu.mean() < 0.99
     # An area of differences of areas, divided by a footprint of some hundredths of a cell.

@@ -9,6 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from strata.addon.core.medium import Medium
+from strata.addon.core.placement import Places
+from strata.addon.core.shot import PixelFilter
 from strata.addon.core.surface import Chunk
 from strata.addon.core.view import View
 from strata.addon.effects.shared.light_views import distant_view, point_views
@@ -77,7 +79,7 @@ def _views(source: Source, instance: int = 0):
     return point_views(source.position, axes, tangent, boxes, behind=source.kind != SourceKind.AREA)
 
 
-def _made(device, geometry, depth, source, medium, camera, shadowed, stride):
+def _made(device, geometry, depth, source, medium, camera, shadowed, stride, places=None):
     """The step's result on one device, and the maps that it read."""
     casters = frozenset({0})
     views = _views(source) if shadowed else []
@@ -89,7 +91,7 @@ def _made(device, geometry, depth, source, medium, camera, shadowed, stride):
         )
         maps.append(steps.LIGHT_MAP.twin(device.name)(device, layers, view=view))
     windows = 1 if all(name == "" for name, _ in views) else 6
-    chunk = Chunk(WIDTH, HEIGHT, 0, HEIGHT, 0, (0.0, 0.0))
+    chunk = Chunk(WIDTH, HEIGHT, 0, HEIGHT, 0, (0.0, 0.0), places=places)
     margin = stride if stride > 1 else 0
     surface = {"depth": device.from_host(depth)}
     around = {"depth": device.from_host(np.pad(depth, margin, mode="reflect"))}
@@ -168,6 +170,21 @@ def test_coarser_images_are_the_same_on_both(name, camera, stride):
     _, theirs, _ = _made(gpu, gpu_geometry, *arguments)
     assert ours.shape == theirs.shape == (HEIGHT, WIDTH, 3)
     assert np.sqrt(np.mean((theirs - ours) ** 2)) < 2e-3 * ours.mean()
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+@pytest.mark.parametrize("camera", [CAMERA, FLAT], ids=["perspective", "parallel"])
+def test_rays_of_pixels_with_places_of_their_own_are_the_same_on_both(camera, stride):
+    source, depth, places = SOURCES["point"], _depth(), Places(5, PixelFilter("GAUSSIAN", 2.25))
+    (cpu, cpu_geometry), (gpu, gpu_geometry) = on_both(*scene_of([MESH]))
+    arguments = depth, source, MEDIA["grey"], camera, True, stride
+    ours, ours_all, through = _made(cpu, cpu_geometry, *arguments, places)
+    theirs, theirs_all, theirs_through = _made(gpu, gpu_geometry, *arguments, places)
+    for one, other in ((ours, theirs), (ours_all, theirs_all)):
+        assert np.sqrt(np.mean((other - one) ** 2)) < 2e-3 * one.mean()
+    assert theirs_through == pytest.approx(through, rel=1e-5, abs=1e-7)
+    centred = _made(cpu, cpu_geometry, *arguments)[0]
+    assert np.sqrt(np.mean((centred - ours) ** 2)) > 5e-3 * ours.mean()
 
 
 def test_coarse_rays_are_pixels_of_the_image():
