@@ -36,7 +36,7 @@ def expected_seconds(
     targets = {layer.name: target for layer in graph.layers if (target := options.target_of(layer))}
     if sampling.passes:
         passes = Passes(None, None, options)
-        if options.time_budget_s and not options.target_error:
+        if options.time_budget_s and not options.aim:
             passes.expect({layer.name: sampling.samples for layer in graph.layers})
         passes.expect(_known_samples(report or {}, targets))
         parts, counts = passes.parts([graph], sampling), passes.counts(graph, sampling)

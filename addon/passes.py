@@ -21,14 +21,12 @@ from .measure.report import NotMeasured
 from .measure.target import Chosen, Target
 from .measure.watch import Watch
 from .measuring import Measuring
-from .planning import Options
+from .planning import USUAL_SAMPLES, Options
 
 AIM = 0.95  # of the target, since what is known of an error is off by about as much
 POWER, USUAL_ERROR = 0.7, 0.066
 """Errors fall about like this power of the number of samples, from about this with one, by what sample scenes
 took (docs/accuracy.md, Targets); only the expected time depends on it."""
-USUAL_SAMPLES = 8
-"""Of layers that nobody measures, and of those of which nothing is known yet."""
 STUCK = 0.9
 """Where twice as many samples leave more than this of an error, more of them hardly help."""
 FEWEST_TO_BE_STUCK = 16
@@ -123,17 +121,17 @@ class Passes:
         if layer.name in looked:
             return layer.name in open_ones and samples < options.most_samples
         if self._is_set(layer):
-            return samples < options.samples
-        if options.time_budget_s and not options.target_error:
+            return samples < options.set_samples
+        if options.time_budget_s and not options.aim:
             return True
-        usual = USUAL_SAMPLES if options.target_error else options.samples
+        usual = USUAL_SAMPLES if options.aim else options.set_samples
         others = any(each.effect and each.name not in looked for each in layers)
         return bool(open_ones) or (samples < usual and (others or not looked))
 
     def _is_set(self, layer: PlannedLayer) -> bool:
         """Whether it gets as many samples as are set, whatever others get."""
         options = self._options
-        is_free = options.target_error or options.time_budget_s or options.target_of(layer)
+        is_free = options.aim or options.time_budget_s or options.target_of(layer)
         return bool(layer.effect) and not is_free
 
     def _put_late(self, layers: Iterable[PlannedLayer], looked: dict[str, _Looked]) -> None:
@@ -176,7 +174,7 @@ class Passes:
         if self._samples_of:
             return self._samples_of_layer(layer.name, group)
         if self._is_set(layer):
-            return self._options.samples
+            return self._options.set_samples
         expected, target = self._expected.get(layer.name, 0.0), self._options.target_of(layer)
         if not expected and target:
             expected = max(samples_for(target), FIRST_PASSES[0])

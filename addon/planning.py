@@ -26,29 +26,36 @@ from .effects.registry import EFFECTS
 from .effects.shared import composite, lit, weights
 from .effects.shared.steps import surface
 
+TARGET_ERROR = 0.02
+"""Where nobody asks for another: what an eye sees only side by side (measure/verdict.py)."""
+USUAL_SAMPLES = 8
+"""Of layers that have no target, or that nobody measures."""
+ENOUGH_SAMPLES = 64
+
 
 @dataclass(frozen=True)
 class Options:
     """How to bake. `effects`: ids, None for those on by default; `values`: parameter values by effect id
-    and name; `samples` jittered surfaces a pixel of a layer without a target. With a `target_error` each
-    layer gets as many as bring its error (docs/accuracy.md) down to that, 0: there is none, but of lamps
-    and effects that have their own (`heeds_own_targets`); `time_budget_s`: all get as many as there is
-    time for, 0: it may take any; `most_samples`: with either no layer gets more; `samples_of`: how many
-    each layer gets, by its name, where that was chosen before; `probes` points to measure the error at, 0
-    for none, None for at most 2048 and so few that measuring takes 15% of the bake; `lights`: names of
-    the lamps whose layers are wanted, None for all layers; `lit` also makes each light's unshadowed
-    image, and `composite` the picture of the whole; `memory_bytes` are what it may take beside what
-    Blender has, 0: half of what is free, or less where more is of no use; `providers`: the effect to take
-    a role from, where several offer it and a lamp asks for none; `keeps_unused` also makes their layers
-    that the picture does not take; `weight`: what samples of layers that multiply weigh (Weight);
-    `placement`: where in a pixel its samples lie (Placement); `rgb_layers`: lamps' shadows are in colour,
-    each channel weighed by itself; `error_images`: each measured layer gets an image of its error too;
-    `read`: how materials are (Read), and `read_texels`: how fine at most what Blender bakes of them is,
-    texels a side of a mesh's picture; `registry`: the effects that there are."""
+    and name; `samples` jittered surfaces a pixel of a layer without a target, None: as usual. With a
+    `target_error` each layer gets as many as bring its error (docs/accuracy.md) down to that, unless lamps
+    and effects have their own (`heeds_own_targets`); 0: TARGET_ERROR, or none where samples or a time are
+    set. `time_budget_s`: all get as many as there is time for, 0: it may take any; `most_samples`: with
+    either no layer gets more; `samples_of`: how many each layer gets, by its name, where that was chosen
+    before; `probes` points to measure the error at, 0 for none, None for at most 2048 and so few that
+    measuring takes 15% of the bake; `lights`: names of the lamps whose layers are wanted, None for all
+    layers; `lit` also makes each light's unshadowed image, and `composite` the picture of the whole;
+    `memory_bytes` are what it may take beside what Blender has, 0: half of what is free, or less where
+    more is of no use; `providers`: the effect to take a role from, where several offer it and a lamp asks
+    for none; `keeps_unused` also makes their layers that the picture does not take; `weight`: what samples
+    of layers that multiply weigh (Weight); `placement`: where in a pixel its samples lie (Placement);
+    `rgb_layers`: lamps' shadows are in colour, each channel weighed by itself; `error_images`: each
+    measured layer gets an image of its error too; `read`: how materials are (Read), and `read_texels`: how
+    fine at most what Blender bakes of them is, texels a side of a mesh's picture; `registry`: the effects
+    that there are."""
 
     effects: tuple[str, ...] | None = None
     backend: str = "auto"
-    samples: int = 8
+    samples: int | None = None
     probes: int | None = None
     values: dict[str, dict[str, Any]] = field(default_factory=dict)
     seed: int = 0
@@ -68,7 +75,7 @@ class Options:
     target_error: float = 0.0
     samples_of: Mapping[str, int] = field(default_factory=dict)
     time_budget_s: float = 0.0
-    most_samples: int = 64
+    most_samples: int = ENOUGH_SAMPLES
     heeds_own_targets: bool = True
 
     def __post_init__(self):
@@ -82,8 +89,10 @@ class Options:
             raise StrataError(f"read: '{self.read}' is none of {', '.join(names)}")
         if not 1 <= self.read_texels <= MOST_TEXELS:
             raise StrataError(f"read texels: {self.read_texels} is not between 1 and {MOST_TEXELS}")
-        if (fewest := min(self.samples, self.most_samples)) < 1:
-            raise StrataError(f"samples: {fewest} is less than 1")
+        if self.set_samples < 1:
+            raise StrataError(f"samples: {self.samples} is less than 1")
+        if self.most_samples < 1:
+            raise StrataError(f"most samples: {self.most_samples} is less than 1")
         if not 0.0 <= self.target_error < 1.0:
             raise StrataError(f"target error: {self.target_error:g} is not between 0 and 1")
         if self.time_budget_s < 0.0:
@@ -103,6 +112,17 @@ class Options:
             effects = tuple(self.registry.named(name) for name in self.effects)
         return {effect: self._params_of(effect) for effect in effects}
 
+    @property
+    def set_samples(self) -> int:
+        """Of layers without a target."""
+        return USUAL_SAMPLES if self.samples is None else self.samples
+
+    @property
+    def aim(self) -> float:
+        """The target error of all layers that have none of their own; 0: there is none."""
+        is_said = self.samples is not None or self.time_budget_s or self.samples_of
+        return self.target_error or (0.0 if is_said else TARGET_ERROR)
+
     def target_of(self, layer: PlannedLayer) -> float:
         """What samples of a layer are chosen for; 0: it has as many as are set, or as were chosen before."""
         return 0.0 if self.samples_of else self.asked_of(layer)
@@ -111,7 +131,7 @@ class Options:
         """What the error of a layer is to come down to; 0: nobody asks, or could tell how far it is."""
         if not layer.kind.score or layer.node.rate != Rate.SAMPLE:
             return 0.0
-        return (layer.target_error if self.heeds_own_targets else 0.0) or self.target_error
+        return (layer.target_error if self.heeds_own_targets else 0.0) or self.aim
 
     def wants(self, name: str, pass_name: str) -> bool:
         """Whether a lamp's layers are to be made."""
@@ -181,12 +201,12 @@ def passes_of(graph: Graph, options: Options) -> tuple[int, ...]:
     """How many samples a pixel may have; empty where there is nothing to choose."""
     if chosen := options.samples_of.values():
         return passes_up_to(max(chosen), *chosen)
-    if options.target_error or options.time_budget_s:
+    if options.aim or options.time_budget_s:
         return passes_up_to(options.most_samples)
     layers = [layer for layer in graph.layers if layer.effect]
     if not any(map(options.target_of, layers)):
         return ()
-    set_ones = () if all(map(options.target_of, layers)) else (options.samples,)
+    set_ones = () if all(map(options.target_of, layers)) else (options.set_samples,)
     return passes_up_to(max((options.most_samples, *set_ones)), *set_ones)
 
 
@@ -198,7 +218,7 @@ def places_of(shot: Shot, options: Options) -> Places | None:
 def sampling_of(graph: Graph, options: Options) -> Sampling:
     shot = graph.shot
     passes = passes_of(graph, options) if shot.has_eye else ()
-    samples = passes[-1] if passes else options.samples
+    samples = passes[-1] if passes else options.set_samples
     places = places_of(shot, options)
     sampling = Sampling(*shot.computed_size, samples, shot.pixel_filter, passes=passes, places=places)
     return fitted(sampling, graph.nodes())

@@ -216,7 +216,7 @@ def _sampling_flags() -> argparse.ArgumentParser:
                       "(default: the scene's)")  # fmt: skip
     flags.add_argument("--target-error", type=share, metavar=".02",
                       help="each layer gets as many samples as bring its error down to that, at most "
-                      "--samples (default: the scene's; 0: none)")  # fmt: skip
+                      "--samples (default: the scene's, or .02; 0: none)")  # fmt: skip
     flags.add_argument("--time-budget", type=seconds, dest="time_budget_s", metavar="10",
                       help="as many samples as there is time for, in seconds a frame, at most --samples "
                       "(default: the scene's; 0: any)")  # fmt: skip

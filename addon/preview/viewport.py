@@ -200,7 +200,7 @@ class Viewport:
         self._count(execution, started)
         statistics = self.statistics
         statistics.scale, statistics.map_share = scale, map_share
-        statistics.of_samples = (passes_of(graph, options) or (options.samples,))[-1]
+        statistics.of_samples = (passes_of(graph, options) or (options.set_samples,))[-1]
         statistics.noise = resolution_noise(value) if device.name == "cpu" else None
         costs = [0.0, 0.0]
         for timing in execution.timings.values():
@@ -247,8 +247,8 @@ class Viewport:
         graph = replace(graph, layers=(layer,))
         place = placement.place(*placement.sizes(1.0))
         passes = passes_of(graph, options)
-        most = passes[-1] if passes else options.samples
-        target = options.target_of(layer) or options.target_error
+        most = passes[-1] if passes else options.set_samples
+        target = options.target_of(layer) or options.aim
         sampling = Sampling(
             *graph.shot.computed_size,
             most,

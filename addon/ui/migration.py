@@ -61,11 +61,18 @@ def _point_at_key_light(stored: Stored, scene: bpy.types.Scene) -> None:
         print(f"strata: scene '{scene.name}': {told}", file=sys.stderr)
 
 
+def _keep_samples(stored: Stored, _scene: bpy.types.Scene) -> None:
+    """A target error is the default: who had set samples, or a time, keeps that alone."""
+    if "samples" in stored or "time_budget_s" in stored:
+        stored["target_error"] = stored.get("target_error", 0.0)
+
+
 _STEPS: tuple[Callable[[Stored, bpy.types.Scene], None], ...] = (
     _choose_where_to_save,
     _renumber_choices,
     _keep_output,
     _point_at_key_light,
+    _keep_samples,
 )
 VERSION = len(_STEPS)
 

@@ -19,7 +19,7 @@ from ..core.sampling import MOST_SAMPLES
 from ..core.weight import Weight
 from ..effects.registry import EFFECTS
 from ..layers.exr_params import ExrParams
-from ..planning import Options
+from ..planning import ENOUGH_SAMPLES, TARGET_ERROR, USUAL_SAMPLES, Options
 from ..scene.own_settings import OWNERS, own_specs, value_of
 from . import migration, preferences
 from .boxes import box, box_name
@@ -170,6 +170,12 @@ def _property(spec: ParamSpec, tooltip: str):
     )
 
 
+def _keep_samples(group: bpy.types.PropertyGroup, context) -> None:
+    """Whoever sets a number, and nothing of an error, gets that."""
+    if not group.is_property_set("target_error"):
+        group.target_error = 0.0
+
+
 def _update_passes(group: bpy.types.PropertyGroup, context) -> None:
     """The compositor's sockets follow what is switched on."""
     for view_layer in group.id_data.view_layers:
@@ -225,13 +231,13 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
             name="Samples",
             description="Jittered surfaces per pixel, of layers without a target error. More is slower, and "
             "edges are smoother",
-            default=8, min=1, max=MOST_SAMPLES, soft_max=64,
+            default=USUAL_SAMPLES, min=1, max=MOST_SAMPLES, soft_max=64, update=_keep_samples,
         ),
         "target_error": bpy.props.FloatProperty(
             name="Target Error",
             description="Each layer gets as many samples as bring its error down to this share of the "
             "brightness. Effects and lights may have their own. 0: as many samples as are set",
-            default=0.0, min=0.0, max=0.99, soft_max=0.1, step=1, precision=3,
+            default=TARGET_ERROR, min=0.0, max=0.99, soft_max=0.1, step=1, precision=3,
         ),
         "time_budget_s": bpy.props.FloatProperty(
             name="Time Budget (s)",
@@ -242,7 +248,7 @@ def _scene_group(groups: dict[str, type], exr: type) -> type:
         "most_samples": bpy.props.IntProperty(
             name="Most Samples",
             description="No layer that has a target error, or a time budget, gets more samples than this",
-            default=64, min=1, max=MOST_SAMPLES, soft_max=256,
+            default=ENOUGH_SAMPLES, min=1, max=MOST_SAMPLES, soft_max=256,
         ),
         "weight": bpy.props.EnumProperty(
             name="Weight",

@@ -20,7 +20,7 @@ PLACES = {"in the middle of the image": (0.0, 0.0, 0.0), "aside, 31 degrees": (3
 def masks(scene, quick: bool) -> str:
     """Errors at edges, by the number of samples."""
     size, samples = ((160, 90), [8]) if quick else ((960, 540), [4, 8, 16, 32])
-    options = Options(("toon",), values={"toon": {"shadows": False}})
+    options = Options(("toon",), samples=8, values={"toon": {"shadows": False}})
     *read, _ = read_scene(scene, scene.view_layers[0], options, size=size)
     rows = [
         [

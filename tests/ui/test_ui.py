@@ -11,6 +11,7 @@ import pytest
 from strata.addon.bake import read_scene
 from strata.addon.effects.registry import EFFECTS
 from strata.addon.effects.toon.params import ToonParams
+from strata.addon.planning import TARGET_ERROR, Options
 from strata.addon.preview.control import preview_options
 from strata.addon.scene.open import open_blend
 from strata.addon.ui import migration, panels, preferences
@@ -91,13 +92,15 @@ def test_settings_can_be_undone(scene):
     assert bpy.context.scene.strata.samples == 7
 
 
-def old_file(tmp_path, stored: dict) -> str:
+def old_file(tmp_path, stored: dict, keeps_samples: bool = True) -> str:
     """A file that an earlier Strata saved: without a version, with the properties of its time."""
     scene = bpy.context.scene
     scene.strata.samples = 6
     scene.strata.soft_shadow.layers = 2
     properties = scene.bl_system_properties_get()["strata"]
     properties.pop("version", None)
+    for name in ("target_error", *([] if keeps_samples else ["samples"])):
+        properties.pop(name)
     for name, value in stored.items():
         group, _, name = name.rpartition(".")
         (properties[group] if group else properties)[name] = value
@@ -126,6 +129,7 @@ def test_an_older_files_settings_are_brought_up_to_date(scene, tmp_path, stored,
     assert (settings.version, settings.save_to) == (migration.VERSION, save_to)
     assert settings.output == stored.get("output") or settings.output == "//strata_####.exr"
     assert (settings.soft_shadow.method, settings.soft_shadow.layers, settings.samples) == ("hybrid", 2, 6)
+    assert (settings.target_error, options_of(bpy.context.scene).samples) == (0.0, 6)
     assert "make_images" not in bpy.context.scene.bl_system_properties_get()["strata"]
 
 
@@ -235,6 +239,28 @@ def test_a_number_of_samples_is_kept_unless_an_error_or_a_time_is_asked_for_too(
         assert most.target_error == asked.get("target_error", pytest.approx(0.01))
     own = options_of(scene, samples=32, values={"soft_shadow": {"target_error": ".02"}})
     assert (own.most_samples, own.heeds_own_targets) == (32, True)
+
+
+def test_a_target_error_is_the_default_until_somebody_sets_samples(scene):
+    assert options_of(scene).aim == pytest.approx(TARGET_ERROR)
+    assert Options().aim == TARGET_ERROR
+    assert (Options(samples=8).aim, Options(time_budget_s=1.0).aim) == (0.0, 0.0)
+    scene.strata.samples = 16
+    assert (scene.strata.target_error, options_of(scene).aim, options_of(scene).set_samples) == (0.0, 0.0, 16)
+    scene.strata.target_error = 0.01
+    scene.strata.samples = 4
+    assert options_of(scene).aim == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("stored", "target"),
+    [({}, TARGET_ERROR), ({"samples": 8}, 0.0), ({"time_budget_s": 2.0}, 0.0), ({"target_error": 0.1}, 0.1)],
+)
+def test_files_that_set_samples_or_a_time_keep_them(scene, tmp_path, stored, target):
+    stored = {"version": migration.VERSION - 1, **stored}
+    path = old_file(tmp_path, stored, keeps_samples=False)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert options_of(bpy.context.scene).aim == pytest.approx(target)
 
 
 def test_the_preview_has_samples_of_its_own_if_asked(scene):
