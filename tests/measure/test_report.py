@@ -86,7 +86,7 @@ def test_json_has_the_documented_keys():
     assert list(document) == [
         "strata", "blender", "scene", "frame", "size", "seed", "backend", "backend_reason", "seconds",
         "compile_seconds", "peak_mb", "steps", "layers", "left_out", "warnings", "memory", "baked",
-        "target_error", "time_budget_s",
+        "target_error", "time_budget_s", "placement",
     ]  # fmt: skip
     assert document["size"] == [960, 540]
     assert document["steps"] == [
