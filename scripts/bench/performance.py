@@ -2,6 +2,7 @@
 
 python -m strata.scripts.bench.performance              everything (about ten minutes on two cores)
 python -m strata.scripts.bench.performance race passes  these sections only
+python -m strata.scripts.bench.performance rivals       only when named (an hour of two busy cores)
 python -m strata.scripts.bench.performance sixty_lamps  only when named (a quarter of an hour of two cores)
 python -m strata.scripts.bench.performance --quick      tiny settings, printed: whether it still runs
 """
@@ -21,6 +22,7 @@ from strata.scripts.bench import (
     passes,
     placement,
     race,
+    rivals,
     samples,
     scenes,
     toon,
@@ -55,6 +57,11 @@ def run_passes(folder: Path, quick: bool) -> str:
     )
     counted = passes.works(case, surface, weight)
     return passes.tables(case, seconds["effect"], counted, machine.measure_limits(), remark)
+
+
+def run_rivals(folder: Path, quick: bool) -> str:
+    """What an error of 2% takes."""
+    return rivals.run(quick)
 
 
 def run_samples(folder: Path, quick: bool) -> str:
@@ -116,10 +123,11 @@ def run_files(folder: Path, quick: bool) -> str:
     return files.run(folder, *(((240, 135), 1) if quick else ((3840, 2160), 3)))
 
 
-LONG = ("sixty_lamps",)
+LONG = ("rivals", "sixty_lamps")
 
 SECTIONS = {
     "race": run_race,
+    "rivals": run_rivals,
     "samples": run_samples,
     "passes": run_passes,
     "goals": run_goals,

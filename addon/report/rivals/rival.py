@@ -54,7 +54,9 @@ class Rival(Protocol):
 
 
 def factor(shadowed: np.ndarray, bare: np.ndarray, luminance: np.ndarray, in_colour: bool) -> np.ndarray:
-    """A lamp's shadow from its light (height, width, 3) with it and without: 1 where there is none."""
+    """A lamp's shadow from its light (height, width, 3) with it and without: 1 where there is none, and never
+    more, which only noise makes it."""
     if not in_colour:
         shadowed, bare = shadowed @ luminance, bare @ luminance
-    return np.divide(shadowed, bare, out=np.ones_like(bare, dtype=np.float64), where=bare > 0.0)
+    share = np.divide(shadowed, bare, out=np.ones_like(bare, dtype=np.float64), where=bare > 0.0)
+    return np.clip(share, 0.0, 1.0)
