@@ -99,7 +99,8 @@ class Judge:
         path = self.folder / IMAGES / f"{_number(setting, name):08x}.png"
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(difference_png(whole, images[way], self.size))
-        return {**found[way].to_json(), "way": way, "image": path.name}
+        ways = {each: judged.value for each, judged in found.items()} if len(found) > 1 else {}
+        return {**found[way].to_json(), "way": way, "ways": ways, "image": path.name}
 
 
 def _number(setting: Setting, name: str) -> int:

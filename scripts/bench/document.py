@@ -12,7 +12,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """A Markdown table; numbers and what looks like them line up at the right."""
     rows = [[str(cell) for cell in row] for row in rows]
     numeric = [
-        all(not cell or cell.lstrip("<~-+.").startswith(tuple("0123456789")) for cell in column)
+        all(not cell or cell.lstrip("<>~-+.").startswith(tuple("0123456789")) for cell in column)
         for column in zip(*rows, strict=True)
     ] or [False] * len(header)
     rule = ["---:" if right else "---" for right in numeric]

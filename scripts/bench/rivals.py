@@ -84,9 +84,10 @@ def document(quick: bool) -> str:
         "group for each lamp, light tree on, no bounces, with a Denoise node on each group or "
         "without; its shadow is read in the better of two ways, whose unshadowed render is not "
         "counted ([how](report.md)). All are judged by the same rays at every pixel. Straight "
-        "lines between points on logarithmic axes, ~: beyond them. The last columns are times "
-        "over those of Strata as it is. One run of each beside much other work on the same two "
-        f"cores: seconds that passed say less than those of the CPU. {machine}."
+        "lines between points on logarithmic axes; >: the dearest point does not reach it, <: the "
+        "cheapest does. The last columns are times over those of Strata as it is. One run of each "
+        "beside much other work on the same two cores: seconds that passed say less than those of "
+        f"the CPU. {machine}."
     )
     header = ["scene", "who", "errors tried", "CPU s", "s", "CPU ÷ ours", "s ÷ ours"]
     return "\n\n".join([text, table(header, rows), *missing])
@@ -108,12 +109,10 @@ def _rows(race: Race, data: dict) -> list[list[str]]:
         if len(points) < 2:
             continue
         errors = tuple(error for error, _, _ in points)
-        found = [Curve(tuple(p[n] for p in points), errors).seconds_at(TARGET) for n in (1, 2)]
-        seconds = [each for each, _ in found]
+        seconds, sign = _at_target(errors, [tuple(point[n] for point in points) for n in (1, 2)])
         own = own or (seconds if who == OURS else None)
-        about = "" if found[0][1] else "~"
         ratios = (
-            [about + times(each / ours) for each, ours in zip(seconds, own, strict=True)] if own else ["", ""]
+            [sign + times(each / ours) for each, ours in zip(seconds, own, strict=True)] if own else ["", ""]
         )
         name = "Strata" + ("" if curve == "as the scene has it" else f", {curve.partition('.')[2]}")
         rows.append(
@@ -121,8 +120,18 @@ def _rows(race: Race, data: dict) -> list[list[str]]:
                 f"{race.file}, {race.what}",
                 name if who == OURS else f"{who}: {curve}",
                 f"{max(errors):.3f} to {min(errors):.3f}",
-                *(about + significant(each) for each in seconds),
+                *(sign + significant(each) for each in seconds),
                 *(ratios if curve != "as the scene has it" else ["", ""]),
             ]
         )
     return rows
+
+
+def _at_target(errors: tuple[float, ...], costs: list[tuple[float, ...]]) -> tuple[list[float], str]:
+    """Seconds of each kind, and what is before them: > of the dearest point, where none reaches the target,
+    < of the cheapest, where all do."""
+    if min(errors) > TARGET:
+        return [max(each) for each in costs], ">"
+    if max(errors) <= TARGET:
+        return [min(each) for each in costs], "<"
+    return [Curve(each, errors).seconds_at(TARGET)[0] for each in costs], ""

@@ -22,6 +22,10 @@ def test_light_groups_with_and_without_a_denoiser(tmp_path):
         for point in data["points"]
         if point["who"] == "cycles"
     }
+    for point in data["points"]:
+        layer = point["layers"]["Soft Shadow Panel"]
+        assert layer["value"] == min(layer["ways"].values(), default=layer["value"])
+        assert len(layer["ways"]) == 2 * (point["who"] == "cycles")
     plain, denoised = "one render, light groups", "one render, light groups, denoised"
     assert errors[plain, 256] < CONVERGED < errors[plain, 4]
     assert errors[denoised, 4] < errors[plain, 4]
