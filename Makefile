@@ -37,7 +37,7 @@ test: setup
 
 # The same in parts, as CI runs it; in a window one by one, since a person waits there.
 test-unit: setup
-	$(PYTEST) $(addprefix tests/,core kernels measure scene layers audit ui preview ops scripts)
+	$(PYTEST) $(addprefix tests/,core kernels measure report scene layers audit ui preview ops scripts)
 
 test-devices: setup
 	$(PYTEST) $(addprefix tests/,devices effects bake engine cycles)
