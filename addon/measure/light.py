@@ -30,6 +30,7 @@ IMAGE_VIEWS = 1, 7
 SCALE_PIXELS = 256
 """Looked at for the mean brightness of an error image."""
 
+ROUNDING = 1e-12  # of a sum of pixels in float64, generously
 CHANGING = 4.0  # how much more likely errors are where the layer's values change nearby
 UNSEEN = 0.25
 """Square of what a bad pixel is off by that is black where it should be as bright as the mean."""
@@ -155,10 +156,14 @@ def _measured(probed: Probed, probes: int, along: Along, name: str, seed: int):
         compared.append(Compared(stratum.population, flat[chosen], halves))
         chosen_of.append(chosen)
     bias = math.fsum(each.population * float(each.errors.mean()) for each in compared) / pixels
-    # The truth's mean: the layer's, which is known exactly, less its mean error; its own where that is black.
+    # The truth's mean: the layer's, which is known exactly, less its mean error; its own where that is black,
+    # up to rounding.
     sizes, total = np.abs(flat).mean(axis=1), float(flat.mean())
     capped = mean_brightness(sizes) / (float(sizes.mean()) or 1.0) or 1.0
-    mean = (capped * abs(total - bias)) or abs(total) or 1.0
+    known = abs(total - bias)
+    if known < ROUNDING * abs(total):
+        known = 0.0
+    mean = capped * known or abs(total) or 1.0
     shares = [each.as_shares(mean) for each in compared]
     swings = [_swing(probed, chosen, mean) for chosen in chosen_of]
     part = joined(map(sampled_part, shares, _worst(shares, strata, swings)))
