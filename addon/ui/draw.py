@@ -22,10 +22,8 @@ from .state import STATE, PlanRow
 LETTER_PIXELS = 7.2  # of the interface's font at scale 1, on average
 COMPOSITE = "Composite"
 _CHOOSES = ("target_error", "time_budget_s")
-_BAKED = (
-    "backend", *_CHOOSES, "samples", "most_samples", "weight", "placement", "rgb_layers", "read",
-    "read_texels",
-)  # fmt: skip
+_BAKED = ("backend", *_CHOOSES, "samples", "most_samples", "read", "read_texels")
+_FILM = ("weight", "placement", "rgb_layers", "memory_gb")
 _MEASURED = ("probes", "error_images", "audit")
 _LIGHT_ICONS = {"POINT": "LIGHT_POINT", "SUN": "LIGHT_SUN", "SPOT": "LIGHT_SPOT", "AREA": "LIGHT_AREA"}
 
@@ -117,7 +115,7 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
     is_chosen = any(getattr(settings, name) for name in _CHOOSES)
     hidden |= {"samples"} if is_chosen else set()
     hidden |= set() if is_chosen or has_own_targets(context.scene) else {"most_samples"}
-    for name in (*_BAKED, *_MEASURED, "memory_gb"):
+    for name in (*_BAKED, *_MEASURED):
         if name in hidden:
             continue
         row = column.row()
@@ -129,6 +127,14 @@ def bake_settings(layout: bpy.types.UILayout, context) -> None:
     column.prop(settings, "save_to")
     if settings.save_to != "IMAGES":
         output(column, context)
+
+
+def film_settings(layout: bpy.types.UILayout, context) -> None:
+    """How samples become pixels: what hardly anybody has to change."""
+    column = layout.column()
+    column.active = not STATE.is_baking
+    for name in _FILM:
+        column.prop(context.scene.strata, name)
 
 
 def expected_time(layout: bpy.types.UILayout, context) -> None:

@@ -183,6 +183,7 @@ _classes = Classes(
     STRATA_PT_preview,
     STRATA_PT_preview_settings,
     *_in_both("bake", "Bake", _bake, is_open=True),
+    *_in_both("film", "Film", draw.film_settings, parent="bake"),
     *_in_both("exr", "OpenEXR", draw.exr_settings, parent="bake", needed=draw.writes_file),
     *_in_both("effects", "Effects", draw.effects, is_open=True),
     *(panel for effect in EFFECTS for panel in _effect(effect)),
