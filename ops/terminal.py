@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from io import TextIOWrapper
 from typing import TextIO
 
 from ..addon.core.errors import StrataError
@@ -26,19 +27,35 @@ def clean_stdout() -> Iterator[TextIO]:
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.close(nowhere)
-    out = os.fdopen(os.dup(saved), "w", encoding="utf-8", errors="replace")
+    out = _Stdout(os.fdopen(os.dup(saved), "wb"), encoding="utf-8", errors="replace")
     try:
         yield out
     finally:
         try:
-            with suppress(BrokenPipeError):  # the reader has gone, as `head` does: its business
+            with suppress(BrokenPipeError), _written():  # the reader has gone, as `head` does: its business
                 out.close()
-        except OSError as error:
-            raise StrataError(f"cannot write to standard output: {error.strerror or error}") from None
         finally:
             sys.stdout.flush()
             os.dup2(saved, 1)
             os.close(saved)
+
+
+class _Stdout(TextIOWrapper):
+    """Says what is wrong where it cannot be written to: while it is, when it holds much, or at its end."""
+
+    def write(self, text: str) -> int:
+        with _written():
+            return super().write(text)
+
+
+@contextmanager
+def _written() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise StrataError(f"cannot write to standard output: {error.strerror or error}") from None
 
 
 def _open_streams() -> None:
