@@ -62,7 +62,7 @@ def check_a_session(backend, archive, display, tmp_path):
     layers = [layer.name for layer in read_layers(out).layers]
     assert found["opens"] == ["CAMERA", True, True]
     assert found["tab"] == "Strata"
-    assert {"strata.bake", "strata.target_error", "strata.most_samples"} <= set(found["buttons"])
+    assert {"strata.bake", "strata.target_error", "strata.samples"} <= set(found["buttons"])
     assert "strata.plan" not in found["buttons"]  # nobody has to ask
     assert found["seconds to plan"] < SECONDS_TO_PLAN
     assert set(found["lights listed"]) >= set(found["lights"])
