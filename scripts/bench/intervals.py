@@ -3,8 +3,8 @@
 Scenes of all effects, with good settings and bad ones. The truth is what the reports rest on too, asked at
 every pixel and with many more rays: this tests the choice of pixels and the interval, and nothing else.
 
-What was found of each scene is kept in out/intervals.jsonl, one line a layer and number of probes, so that a
-run that was stopped goes on: delete it to begin anew.
+What was found of each scene is kept in docs/data/intervals.jsonl, one line a layer and number of probes, so
+that a run that was stopped goes on, on any machine: delete it to begin anew.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from strata.scripts.bench.document import ROOT, table
 SCENES = 200
 SIZE = (48, 32)
 PROBES = 512, 1024
-KEPT = ROOT / "out" / "intervals.jsonl"
+KEPT = ROOT / "docs" / "data" / "intervals.jsonl"
 
 SHADOW_VIEWS, LIGHT_VIEWS, MASK_VIEWS = (32, 128, 512), (2, 16), (32, 512, 2048)
 """View rays of each of a pixel's two halves, for the error of all pixels: of every pixel, and of those that
@@ -265,7 +265,7 @@ def all_told(count: int, kept: Path = KEPT) -> list[Told]:
         if seed in done:
             continue
         try:
-            new = [asdict(each) for each in told(seed)]
+            new = [_rounded(asdict(each)) for each in told(seed)]
         except Exception as error:
             print(f"scene {seed} failed: {error!r}", file=sys.stderr)
             continue
@@ -273,6 +273,11 @@ def all_told(count: int, kept: Path = KEPT) -> list[Told]:
             file.write("".join(json.dumps(each) + "\n" for each in new or [{"scene": seed}]))
         lines += new
     return [Told(**line) for line in lines if "layer" in line and line["scene"] < count]
+
+
+def _rounded(line: dict) -> dict:
+    """To as many digits as anybody reads."""
+    return {name: float(f"{it:.5g}") if isinstance(it, float) else it for name, it in line.items()}
 
 
 def section(count: int) -> str:
