@@ -35,7 +35,10 @@ def read_pixels(path: Path) -> dict[str, np.ndarray]:
             count = -(-part.height // _ROWS[part.compression])
             offsets = struct.unpack_from(f"<{count}Q", data, start)
             start += 8 * count
-            planes |= _planes(part, [_block(data, offset + lead) for offset in offsets])
+            own = _planes(part, [_block(data, offset + lead) for offset in offsets])
+            if twice := own.keys() & planes.keys():
+                raise StrataError(f"cannot read {path}: two of its parts have a channel {min(twice)}")
+            planes |= own
     except (ValueError, IndexError, struct.error, zlib.error):
         raise StrataError(f"{path} is no whole OpenEXR file") from None
     return planes

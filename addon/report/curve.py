@@ -56,24 +56,40 @@ def order_of(steps: Sequence[float], errors: Sequence[float]) -> Order | None:
     floors = np.concatenate([[0.0], error.min() * np.linspace(0.02, 0.995, FLOORS)])
     found = [(_sum_of_squares(n, error, floor), floor) for floor in floors]
     least, floor = min(found)
-    slope, scale, spread = _line(n, 0.5 * np.log(error**2 - floor**2))
+    slope, scale = _line(n, 0.5 * np.log(error**2 - floor**2))
     if slope >= 0.0 or not math.isfinite(least):
         return None
-    free = len(points) - 2 - (floor > 0.0)
-    half = 1.96 * math.sqrt(least / free / spread) if free > 0 and spread > 0.0 else None
-    return Order(math.exp(scale), -slope, float(floor), half)
+    return Order(math.exp(scale), -slope, float(floor), _power_95(n, error, scale, -slope, floor))
 
 
-def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
-    """Slope, value at 0, and the sum of squares of x about its mean."""
+STUDENT = {2: 4.303, 3: 3.182, 4: 2.776, 5: 2.571, 6: 2.447, 7: 2.365, 8: 2.306}
+"""Its 97.5% quantile by degrees of freedom; 1.96 + 2.8 / of more, within a hundredth."""
+
+
+def _power_95(n: np.ndarray, error: np.ndarray, scale: float, power: float, floor: float) -> float | None:
+    """Half of the power's interval, by what log errors are off by (Gauss-Newton): the floor is fitted too."""
+    falling = np.exp(2.0 * (scale - power * n))
+    square = falling + floor**2
+    by_floor = [0.5 / square] if floor > 0.0 else []
+    slopes = np.stack([falling / square, -n * falling / square, *by_floor], axis=1)
+    free = len(n) - slopes.shape[1]
+    if free < 2 or np.linalg.matrix_rank(slopes) < slopes.shape[1]:
+        return None
+    off = np.log(error) - 0.5 * np.log(square)
+    variance = float(off @ off) / free * float(np.linalg.inv(slopes.T @ slopes)[1, 1])
+    return STUDENT.get(free, 1.96 + 2.8 / free) * math.sqrt(variance)
+
+
+def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Slope, and value at 0."""
     middle = x.mean()
     spread = float(((x - middle) ** 2).sum())
     slope = float(((x - middle) * y).sum()) / spread if spread > 0.0 else 0.0
-    return slope, float(y.mean()) - slope * middle, spread
+    return slope, float(y.mean()) - slope * middle
 
 
 def _sum_of_squares(n: np.ndarray, error: np.ndarray, floor: float) -> float:
-    slope, scale, _ = _line(n, 0.5 * np.log(error**2 - floor**2))
+    slope, scale = _line(n, 0.5 * np.log(error**2 - floor**2))
     expected = 0.5 * np.log(np.exp(2.0 * (scale + slope * n)) + floor**2)
     return float(((np.log(error) - expected) ** 2).sum())
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..audit.grid import grid_of
 from ..bake import BakeJob
 from ..core.errors import StrataError
 from ..core.random import hash_bits, text_bits
@@ -26,15 +26,15 @@ NAME, IMAGES = "truth.npz", "images"
 
 
 class Judge:
-    """`truths`: by layer's name, of those that multiply; `layers`: what the scene has, as plain values. Kept
-    in a folder, so that a report that goes on has the same."""
+    """`truths`: by layer's name, of those that multiply; `layers`: what the scene has, as plain values. Both
+    are kept in `kept`, so that a report that goes on has the same; pictures are in `folder`."""
 
-    def __init__(self, folder: Path):
-        self.folder = folder
+    def __init__(self, folder: Path, kept: Path):
+        self.folder, self._kept = folder, kept
         self.truths: dict[str, Whole] = {}
         self.layers: list[dict[str, Any]] = []
         self.size = (0, 0)
-        self.is_new = not (folder / NAME).exists()
+        self.is_new = not (kept / NAME).exists()
         if not self.is_new:
             self._read()
 
@@ -71,16 +71,16 @@ class Judge:
             for number, whole in enumerate(self.truths.values())
             for key, each in whole.to_arrays().items()
         }
-        unfinished = self.folder / f"unfinished_{NAME}"
+        unfinished = self._kept / f"unfinished_{NAME}"
         try:
             np.savez(unfinished, told=np.array(json.dumps(told)), **arrays)
-            unfinished.replace(self.folder / NAME)
+            unfinished.replace(self._kept / NAME)
         except OSError as error:
             raise StrataError(f"cannot write to {self.folder}: {error.strerror or error}") from None
         self.size = tuple(told["size"])
 
     def _read(self) -> None:
-        with np.load(self.folder / NAME) as found:
+        with np.load(self._kept / NAME) as found:
             told = json.loads(str(found["told"]))
             for number, name in enumerate(told["truths"]):
                 prefix = f"{number}."
@@ -109,6 +109,6 @@ def _number(setting: Setting, name: str) -> int:
 
 def _pixels(width: int, height: int) -> np.ndarray:
     """(P,) all, or every so many-th each way."""
-    rows, columns = grid_of((width, height), MOST_PIXELS).slices
+    step = math.ceil(math.sqrt(width * height / MOST_PIXELS))
     numbers = np.arange(width * height).reshape(height, width)
-    return np.ascontiguousarray(numbers[rows, columns].reshape(-1))
+    return np.ascontiguousarray(numbers[step // 2 :: step, step // 2 :: step].reshape(-1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from pathlib import Path
@@ -20,6 +21,9 @@ class Ledger:
     def __init__(self, folder: Path, asked: dict[str, Any]):
         self.path = folder / NAME
         self.runs: list[dict[str, Any]] = []
+        told = json.dumps(asked, sort_keys=True).encode()
+        # What these runs share, and no others.
+        self.kept = folder / "kept" / hashlib.sha256(told).hexdigest()[:12]
         check_writable(self.path)
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -27,13 +31,14 @@ class Ledger:
         except OSError as error:
             raise StrataError(f"cannot write to {folder}: {error.strerror or error}") from None
         found = [_read(line) for line in lines]
-        if found and found[0]:
+        if found:
             differs = sorted(key for key in asked if found[0].get(key) != asked[key])
             if differs:
                 raise StrataError(
                     f"{folder} holds another report ({', '.join(differs)} differ): choose another folder, or "
                     f"delete {self.path}"
                 )
+        self.kept.mkdir(parents=True, exist_ok=True)
         self.runs = [line for line in found[1:] if line]  # the last may be cut off
         self._write("w", [asked, *self.runs])
 

@@ -74,6 +74,10 @@ class Asked:
                        for effect, own in options.values.items()},
             "seed": options.seed,
             "lights": list(options.lights or ()),
+            "rgb_layers": options.rgb_layers,
+            "read": options.read,
+            "read_texels": options.read_texels,
+            "runs_scripts": self.runs_scripts,
         }  # fmt: skip
 
 
@@ -89,7 +93,7 @@ class Sweep:
         self.rivals = named(asked.rivals)
         self.told = asked.told()
         self.ledger = Ledger(folder, self.told)
-        self.judge = Judge(folder)
+        self.judge = Judge(folder, self.ledger.kept)
         self.warnings: list[str] = []
         self.settings: list[Setting] = []
         self.backend = ""
@@ -192,6 +196,11 @@ class Sweep:
         except StrataError as error:
             run["failed"] = one_line(error)
             self.warnings.append(f"{setting.key}: {one_line(error)}")
+        except (KeyError, ValueError, OSError) as error:
+            if rival is None:
+                raise
+            run["failed"] = one_line(error)
+            self.warnings.append(f"{setting.key}: {one_line(error)}")
         self._spent.setdefault(setting.key, []).append(time.perf_counter() - self._began)
         self.ledger.add(run)
 
@@ -233,4 +242,4 @@ class Sweep:
             return None
         in_colour = {layer.name for layer in job.graph.layers if len(layer.channels) > 1}
         luminance = np.array(luminance_of(outline.working_space))
-        return Case(kept, request, lamps, frozenset(in_colour), luminance, self.folder)
+        return Case(kept, request, lamps, frozenset(in_colour), luminance, self.ledger.kept)

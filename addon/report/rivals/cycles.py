@@ -69,7 +69,9 @@ class Cycles:
                 return dict(zip(names, found["images"], strict=True))
         renders = [{"shadow": False, "samples": BARE_SAMPLES, "denoise": False}]
         (images,), _ = _rendered(case, renders, look)
-        np.savez(path, images=np.stack([images[name] for name in names]).astype(np.float32))
+        unfinished = path.with_name(f"unfinished_{path.name}")
+        np.savez(unfinished, images=np.stack([images[name] for name in names]).astype(np.float32))
+        unfinished.replace(path)
         return images
 
 
