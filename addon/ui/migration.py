@@ -8,6 +8,7 @@ was never changed from its default is not stored.
 from __future__ import annotations
 
 import sys
+import zlib
 from collections.abc import Callable, Iterable
 from enum import Enum
 from typing import Any
@@ -67,12 +68,31 @@ def _keep_samples(stored: Stored, _scene: bpy.types.Scene) -> None:
         stored["target_error"] = stored.get("target_error", 0.0)
 
 
+def _keep_maps(stored: Stored, _scene: bpy.types.Scene) -> None:
+    """The bitmask was the default method of soft shadows: who had set anything of its maps keeps it."""
+    shadow = stored.get("soft_shadow")
+    if shadow is None or "method" in shadow:
+        return
+    of_maps = {
+        "layers",
+        "resolution",
+        "max_samples",
+        "refinements",
+        "gradient_scale",
+        "gradient_cap_m",
+        "rays",
+    }
+    if of_maps & set(shadow.keys()):
+        shadow["method"] = zlib.crc32(b"bitmask") & 0x3FFFFF
+
+
 _STEPS: tuple[Callable[[Stored, bpy.types.Scene], None], ...] = (
     _choose_where_to_save,
     _renumber_choices,
     _keep_output,
     _point_at_key_light,
     _keep_samples,
+    _keep_maps,
 )
 VERSION = len(_STEPS)
 

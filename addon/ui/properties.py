@@ -57,12 +57,15 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
         or overrides.get("time_budget_s")
         or any("target_error" in given for given in given_values.values())
     )
+    # Who says how long, and never said how close, gets what there is time for.
+    is_of_time = bool(overrides.get("time_budget_s")) and not settings.is_property_set("target_error")
+    has_aim = not is_said and not is_of_time
     options = {
         "effects": tuple(effect.id for effect in EFFECTS if getattr(settings, effect.id).enabled),
         "backend": preferences.backend_of(settings),
         "samples": settings.samples,
         "most_samples": settings.most_samples if samples is None else samples,
-        "target_error": 0.0 if is_said else settings.target_error,
+        "target_error": settings.target_error if has_aim else 0.0,
         "time_budget_s": 0.0 if is_said else settings.time_budget_s,
         "heeds_own_targets": not is_said,
         "weight": settings.weight,

@@ -133,6 +133,21 @@ def test_an_older_files_settings_are_brought_up_to_date(scene, tmp_path, stored,
     assert "make_images" not in bpy.context.scene.bl_system_properties_get()["strata"]
 
 
+@pytest.mark.parametrize(("version", "method"), [(4, "bitmask"), (migration.VERSION, "automatic")])
+def test_an_older_file_keeps_the_maps_that_somebody_has_set(scene, tmp_path, version, method):
+    """`old_file` has set their layers."""
+    bpy.ops.wm.open_mainfile(filepath=old_file(tmp_path, {"version": version}))
+    assert bpy.context.scene.strata.soft_shadow.method == method
+
+
+def test_who_says_how_long_and_not_how_close_gets_all_that_there_is_time_for(scene):
+    assert options_of(scene).target_error > 0.0
+    assert options_of(scene, time_budget_s=3.0).target_error == 0.0
+    assert options_of(scene, time_budget_s=3.0, target_error=0.01).target_error == 0.01
+    scene.strata.target_error = 0.04
+    assert options_of(scene, time_budget_s=3.0).target_error == pytest.approx(0.04)
+
+
 def test_an_older_files_key_light_is_found_by_its_name(scene, tmp_path, capfd):
     name = a_lamp().name
     for told, found in ((name, name), ("Nobody", None)):

@@ -4,7 +4,7 @@ from ...core.effect import Effect, LayerKind
 from ...core.roles import Role, Subject
 from ..shared import visibility_truth
 from .gpu_steps import variants
-from .params import SoftShadowParams
+from .params import Method, SoftShadowParams
 from .run import needed, ruled_out, run, visibility
 
 EFFECT = Effect(
@@ -37,12 +37,6 @@ EFFECT = Effect(
             "spacing": 2,
         },
         "Default": {},
-        "Best": {
-            "target_error": 0.01,
-            "sample_rays": 16,
-            "layers": 4,
-            "resolution": 2048,
-            "max_samples": 2048,
-        },
+        "Best": {"target_error": 0.01, "method": Method.RAYS, "sample_rays": 16},
     },
 )
