@@ -272,7 +272,7 @@ def test_a_target_error_is_the_default_until_somebody_sets_samples(scene):
     [({}, TARGET_ERROR), ({"samples": 8}, 0.0), ({"time_budget_s": 2.0}, 0.0), ({"target_error": 0.1}, 0.1)],
 )
 def test_files_that_set_samples_or_a_time_keep_them(scene, tmp_path, stored, target):
-    stored = {"version": migration.VERSION - 1, **stored}
+    stored = {"version": 4, **stored}
     path = old_file(tmp_path, stored, keeps_samples=False)
     bpy.ops.wm.open_mainfile(filepath=path)
     assert options_of(bpy.context.scene).aim == pytest.approx(target)
