@@ -123,7 +123,8 @@ def person(found):
     space.region_3d.view_perspective = "CAMERA"
     render, settings = scene.render, scene.strata
     render.resolution_x, render.resolution_y, render.resolution_percentage = WIDTH, HEIGHT, 100
-    settings.backend, settings.samples, settings.soft_shadow.resolution = BACKEND, 2, 256
+    settings.backend, settings.samples = BACKEND, 2
+    settings.soft_shadow.method, settings.soft_shadow.resolution = "bitmask", 256
     settings.preview.frame_budget_ms, settings.preview.show_statistics = 1e5, False
     bpy.types.SpaceView3D.draw_handler_add(SCREEN.draw, (), "WINDOW", "POST_PIXEL")
     yield 0.5
