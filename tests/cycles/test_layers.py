@@ -100,10 +100,11 @@ def test_the_reference_is_what_cycles_renders(courtyard, name, share, rmse):
     assert abs(judge.bias(truth, same)) < 0.1 * LAYER_RMSE
 
 
+@pytest.mark.parametrize("values", [{"method": "bitmask"}, {"method": "rays", "sample_rays": 256}])
 @pytest.mark.parametrize("name", ["stacked", "animated"])
-def test_a_layer_is_what_cycles_renders(name):
+def test_a_layer_is_what_cycles_renders(name, values):
     scene = scenes.open_sample(name)
-    options = Options(backend="cpu", samples=1, probes=0)
+    options = Options(backend="cpu", samples=1, probes=0, values={"soft_shadow": values})
     (layer,) = bake(scene, scene.view_layers[0], options, size=SIZE).layers.layers
     judge = Judge.of(scene, layer.light)
     where = judge.weight > 0.0
