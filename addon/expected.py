@@ -22,6 +22,9 @@ from .speeds import recall_speeds
 READING_SECONDS, READING_SECONDS_A_TRIANGLE = 0.05, 0.4e-6
 """Scan, extraction and whatever else is no step, on an ordinary machine."""
 
+WATCHED = 0.35
+"""Of the seconds of as many probes, what pixels that are watched take: measured with shadows of two lamps."""
+
 
 def expected_seconds(
     outline: Outline, graph: Graph, options: Options, report: Mapping[str, Any] | None = None
@@ -41,7 +44,7 @@ def expected_seconds(
         passes.expect(_known_samples(report or {}, targets))
         parts, counts = passes.parts([graph], sampling), passes.counts(graph, sampling)
         doublings = (1 + int(math.log2(max(counts[name] / sampling.passes[0], 1.0))) for name in targets)
-        watching = sum(doublings) * watching_seconds(pixels)
+        watching = sum(doublings) * WATCHED * watching_seconds(pixels)
     parts = [(part, samples * tiles) for part, samples in parts or [(graph, sampling.samples)]]
     forecast = Forecast(parts, pixels / tiles, Execution(), outline)
     slower = forecast.usually_slower()
