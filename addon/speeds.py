@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import tempfile
+from contextlib import suppress
 from typing import Any
 
 from .core import progress
+from .core.errors import StrataError
+from .layers.files import replaced
 from .scene.exact.store import cache_folder
 
 LEAST_SECONDS = 1.0
@@ -35,14 +36,8 @@ def keep_speeds(backend: str, device: str, seconds: float) -> None:
     kept = {**_kept(), device: learnt}
     if backend == AUTO:
         kept[AUTO] = device
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        descriptor, beside = tempfile.mkstemp(prefix=".", suffix=".part", dir=folder)
-        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-            json.dump(kept, file, indent=1)
-        os.replace(beside, folder / NAME)
-    except OSError:
-        pass
+    with suppress(StrataError), replaced(folder / NAME) as stream:
+        stream.write(json.dumps(kept, indent=1).encode())
 
 
 def _kept() -> dict[str, Any]:

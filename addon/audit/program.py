@@ -21,15 +21,7 @@ PASSES = {
 
 def main(path: str) -> None:
     request = json.loads(Path(path).read_text(encoding="utf-8"))
-    bpy.ops.wm.open_mainfile(filepath=request["file"], load_ui=False, use_scripts=request["scripts"])
-    if not hasattr(bpy.types.Scene, "cycles"):
-        import addon_utils
-
-        addon_utils.enable("cycles")
-    scene = next(each for each in bpy.data.scenes if each.name_full == request["scene"])
-    view_layer = scene.view_layers[request["view_layer"]]
-    scene.frame_set(request["frame"])
-    set_up(scene, view_layer, request)
+    scene, view_layer = opened(request)
     lamps = {item.name_full: item for item in bpy.data.objects if item.type == "LIGHT"}
     data = {name: item.data for name, item in lamps.items()}
     black = bpy.data.lights.new("black", "POINT")
@@ -47,6 +39,20 @@ def main(path: str) -> None:
         bpy.ops.render.render(write_still=True, scene=scene.name)
         lamp.data = black
         print(f"rendered {number}", flush=True)
+
+
+def opened(request: dict) -> tuple:
+    """The scene and its view layer, at the frame, as Cycles is to render them."""
+    bpy.ops.wm.open_mainfile(filepath=request["file"], load_ui=False, use_scripts=request["scripts"])
+    if not hasattr(bpy.types.Scene, "cycles"):
+        import addon_utils
+
+        addon_utils.enable("cycles")
+    scene = next(each for each in bpy.data.scenes if each.name_full == request["scene"])
+    view_layer = scene.view_layers[request["view_layer"]]
+    scene.frame_set(request["frame"])
+    set_up(scene, view_layer, request)
+    return scene, view_layer
 
 
 def set_up(scene, view_layer, request: dict) -> None:

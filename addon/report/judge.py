@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..bake import BakeJob
-from ..core.errors import StrataError
 from ..core.random import hash_bits, text_bits
+from ..layers.files import replaced
 from ..measure.footprint import Probed
 from ..measure.whole import Whole
 from .picture import difference_png
@@ -71,12 +71,8 @@ class Judge:
             for number, whole in enumerate(self.truths.values())
             for key, each in whole.to_arrays().items()
         }
-        unfinished = self._kept / f"unfinished_{NAME}"
-        try:
-            np.savez(unfinished, told=np.array(json.dumps(told)), **arrays)
-            unfinished.replace(self._kept / NAME)
-        except OSError as error:
-            raise StrataError(f"cannot write to {self.folder}: {error.strerror or error}") from None
+        with replaced(self._kept / NAME) as stream:
+            np.savez(stream, told=np.array(json.dumps(told)), **arrays)
         self.size = tuple(told["size"])
 
     def _read(self) -> None:

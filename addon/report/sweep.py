@@ -193,12 +193,9 @@ class Sweep:
                 run |= self._rivals_run(rival, case, setting, number)
             else:
                 run |= self._own_run(setting, number)
-        except StrataError as error:
-            run["failed"] = one_line(error)
-            self.warnings.append(f"{setting.key}: {one_line(error)}")
-        except (KeyError, ValueError, OSError) as error:
-            if rival is None:
-                raise
+        except (StrataError, KeyError, ValueError, OSError) as error:
+            if rival is None and not isinstance(error, StrataError):
+                raise  # a fault of ours
             run["failed"] = one_line(error)
             self.warnings.append(f"{setting.key}: {one_line(error)}")
         self._spent.setdefault(setting.key, []).append(time.perf_counter() - self._began)

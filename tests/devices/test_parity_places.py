@@ -10,8 +10,8 @@ from strata.addon.core.shot import PixelFilter
 from strata.addon.core.surface import Chunk
 from strata.addon.effects.shared import gpu_steps
 from strata.tests.devices.test_opacity import partly_opaque_sheets
-from strata.tests.devices.test_parity_raster import HEIGHT, WIDTH, courtyard, depth_slopes, surfaces
-from strata.tests.kernels.raster_scenes import brute_force, down, random_triangles, sheet, turned_view
+from strata.tests.devices.test_parity_raster import HEIGHT, WIDTH, courtyard, sure_of, surfaces
+from strata.tests.kernels.raster_scenes import down, random_triangles, sheet, turned_view
 from strata.tests.support.gpu_scenes import (
     EPSILON,
     gpu_device,
@@ -59,18 +59,7 @@ def test_surfaces_of_triangle_soup_agree(kind, orthographic):
     devices = on_both(*scene_of([triangle_mesh(triangles)]))
     cpu, gpu = surfaces(devices, view, chunk_of())
     jitter = np.moveaxis(devices[0][0].offsets(chunk_of()), -1, 0).astype(np.float64)
-    exact, doubtful = brute_force(view, triangles, WIDTH, HEIGHT, jitter)
-    nearest = np.sort(exact, axis=0)[:2]
-    slopes = depth_slopes(view, triangles, WIDTH, HEIGHT, jitter)
-    slope = np.take_along_axis(slopes, np.argsort(exact, axis=0)[:1], axis=0)[0]
-    largest = np.abs(view.to_view(triangles)).max()
-    shift_pixels = {"huge": 0.01, "sliver": 0.01}.get(kind, 2e-3)
-    pixel_m = (view.window[1] - view.window[0]) / WIDTH * (1.0 if orthographic else cpu["depth"])
-    shift = np.hypot(np.where(np.isfinite(slope), slope, 0.0), np.where(np.isfinite(pixel_m), pixel_m, 0.0))
-    tolerance = 8 * EPSILON * largest + shift * shift_pixels
-    with np.errstate(invalid="ignore"):
-        tied = nearest[1] - nearest[0] <= 2 * tolerance
-    sure = ~doubtful.any(axis=0) & ~tied
+    sure, tolerance = sure_of(cpu, view, triangles, jitter, kind, orthographic)
     assert sure.mean() > 0.9
     for name in ("triangle", "instance", "object_id", "material"):
         np.testing.assert_array_equal(cpu[name][sure], gpu[name][sure])

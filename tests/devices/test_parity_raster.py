@@ -95,16 +95,8 @@ def test_layered_depths_agree(kind, orthographic):
         assert (np.abs(gpu - expected)[there] <= tolerance[there]).all()
 
 
-@pytest.mark.parametrize("orthographic", [False, True])
-@pytest.mark.parametrize("kind", ["ordinary", "sliver", "near", "huge"])
-def test_surfaces_of_triangle_soup_agree(kind, orthographic):
-    rng = np.random.default_rng(23)
-    far = {"huge": 1e6, "near": 4.0}.get(kind, 40.0)  # 4: through the middle of the triangles
-    view = turned_view(rng, near=0.3, far=far, orthographic=orthographic, half=2.0 if orthographic else 0.7)
-    triangles = random_triangles(rng, view, kind, 60)
-    devices = on_both(*scene_of([triangle_mesh(triangles)]))
-    jitter = (0.31, -0.17)
-    cpu, gpu = surfaces(devices, view, Chunk(WIDTH, HEIGHT, 0, HEIGHT, 0, jitter))
+def sure_of(cpu, view, triangles, jitter, kind, orthographic) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels that both must see alike, and (height, width) metres by which their depths may differ there."""
     exact, doubtful = brute_force(view, triangles, WIDTH, HEIGHT, jitter)
     # A pixel is in doubt, too, where the two nearest depths are closer than their rounding.
     nearest = np.sort(exact, axis=0)[:2]
@@ -120,6 +112,20 @@ def test_surfaces_of_triangle_soup_agree(kind, orthographic):
     with np.errstate(invalid="ignore"):
         tied = nearest[1] - nearest[0] <= 2 * tolerance
     sure = ~doubtful.any(axis=0) & ~tied
+    return sure, tolerance
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+@pytest.mark.parametrize("kind", ["ordinary", "sliver", "near", "huge"])
+def test_surfaces_of_triangle_soup_agree(kind, orthographic):
+    rng = np.random.default_rng(23)
+    far = {"huge": 1e6, "near": 4.0}.get(kind, 40.0)  # 4: through the middle of the triangles
+    view = turned_view(rng, near=0.3, far=far, orthographic=orthographic, half=2.0 if orthographic else 0.7)
+    triangles = random_triangles(rng, view, kind, 60)
+    devices = on_both(*scene_of([triangle_mesh(triangles)]))
+    jitter = (0.31, -0.17)
+    cpu, gpu = surfaces(devices, view, Chunk(WIDTH, HEIGHT, 0, HEIGHT, 0, jitter))
+    sure, tolerance = sure_of(cpu, view, triangles, jitter, kind, orthographic)
     assert sure.mean() > 0.9
     for name in ("triangle", "instance", "object_id", "material"):
         assert np.array_equal(cpu[name][sure], gpu[name][sure])

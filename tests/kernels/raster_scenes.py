@@ -129,3 +129,14 @@ def sheet(rng, columns, rows, extent=1.6, wobble=0.3):
     turned = rng.random(len(triangles)) < 0.5
     triangles[turned] = triangles[turned][:, ::-1]
     return positions.astype(np.float32), triangles.astype(np.int32)
+
+
+def cone_about_the_eye(seed: int) -> np.ndarray:
+    """(40, 3 corners, 3) float32, closed: its apex ahead of an eye at the origin, its rim behind and up to
+    1e6 m away."""
+    rng = np.random.default_rng(seed)
+    angle = np.sort(rng.uniform(0, 2 * np.pi, 40))
+    radius = 10.0 ** rng.uniform(1.0, 6.0, 40)
+    rim = np.stack([np.cos(angle) * radius, np.sin(angle) * radius, 2.0 * radius], -1)
+    apex = np.broadcast_to([rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1), -1.0], rim.shape)
+    return np.stack([apex, rim, np.roll(rim, -1, 0)], 1).astype(np.float32)

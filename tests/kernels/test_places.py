@@ -12,6 +12,7 @@ from strata.tests.kernels.raster_scenes import (
     ALL_ATTRIBUTES,
     add_triangles,
     brute_force,
+    cone_about_the_eye,
     down,
     everything,
     opacity,
@@ -183,12 +184,7 @@ def test_corners_on_places_cover_every_one_once():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_fan_through_the_near_plane_leaves_no_holes(seed):
-    rng = np.random.default_rng(seed)
-    angle = np.sort(rng.uniform(0, 2 * np.pi, 40))
-    radius = 10.0 ** rng.uniform(1.0, 6.0, 40)
-    rim = np.stack([np.cos(angle) * radius, np.sin(angle) * radius, 2.0 * radius], -1)
-    apex = np.broadcast_to([rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1), -1.0], rim.shape)
-    triangles = np.stack([apex, rim, np.roll(rim, -1, 0)], 1).astype(np.float32)
+    triangles = cone_about_the_eye(seed)
     geometry = kernels.Geometry()
     add_triangles(geometry, triangles)
     view, offsets = down(near=1e-4), offsets_of(97, 83)

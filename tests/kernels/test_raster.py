@@ -12,6 +12,7 @@ import strata_kernels as kernels
 from strata.tests.kernels.raster_scenes import (
     add_triangles,
     brute_force,
+    cone_about_the_eye,
     down,
     everything,
     opacity,
@@ -78,13 +79,7 @@ def test_top_left_rule():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_fan_through_the_near_plane_leaves_no_holes(seed):
-    # A closed cone about the eye: its apex ahead, its rim behind and up to 1e6 m away.
-    rng = np.random.default_rng(seed)
-    angle = np.sort(rng.uniform(0, 2 * np.pi, 40))
-    radius = 10.0 ** rng.uniform(1.0, 6.0, 40)
-    rim = np.stack([np.cos(angle) * radius, np.sin(angle) * radius, 2.0 * radius], -1)
-    apex = np.broadcast_to([rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1), -1.0], rim.shape)
-    triangles = np.stack([apex, rim, np.roll(rim, -1, 0)], 1).astype(np.float32)
+    triangles = cone_about_the_eye(seed)
     geometry = kernels.Geometry()
     add_triangles(geometry, triangles)
     view = down(near=1e-4)

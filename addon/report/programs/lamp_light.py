@@ -16,15 +16,7 @@ def main(path: str) -> None:
     spec = spec_from_file_location("audit", request["audit"])
     audit = module_from_spec(spec)
     spec.loader.exec_module(audit)
-    bpy.ops.wm.open_mainfile(filepath=request["file"], load_ui=False, use_scripts=request["scripts"])
-    if not hasattr(bpy.types.Scene, "cycles"):
-        import addon_utils
-
-        addon_utils.enable("cycles")
-    scene = next(each for each in bpy.data.scenes if each.name_full == request["scene"])
-    view_layer = scene.view_layers[request["view_layer"]]
-    scene.frame_set(request["frame"])
-    audit.set_up(scene, view_layer, request)
+    scene, view_layer = audit.opened(request)
     audit.only(scene, view_layer, "surface", request["media"])
     view_layer.use_pass_diffuse_direct = view_layer.use_pass_diffuse_color = False
     scene.cycles.use_light_tree = True

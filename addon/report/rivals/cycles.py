@@ -12,6 +12,7 @@ import numpy as np
 
 from ...audit.other_blender import run_program
 from ...layers.exr_pixels import read_pixels
+from ...layers.files import replaced
 from ..cost import Cost
 from ..setting import Setting
 from .rival import Case, Found, factor
@@ -69,9 +70,8 @@ class Cycles:
                 return dict(zip(names, found["images"], strict=True))
         renders = [{"shadow": False, "samples": BARE_SAMPLES, "denoise": False}]
         (images,), _ = _rendered(case, renders, look)
-        unfinished = path.with_name(f"unfinished_{path.name}")
-        np.savez(unfinished, images=np.stack([images[name] for name in names]).astype(np.float32))
-        unfinished.replace(path)
+        with replaced(path) as stream:
+            np.savez(stream, images=np.stack([images[name] for name in names]).astype(np.float32))
         return images
 
 
