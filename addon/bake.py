@@ -19,6 +19,7 @@ from .core.executor import Executor
 from .core.free_memory import give_back, held_bytes
 from .core.graph import Graph, PlannedLayer
 from .core.memory import MemoryEstimate
+from .core.observer import NOBODY, Observer
 from .core.outline import Outline
 from .core.progress import Forecast
 from .core.read import Read
@@ -53,7 +54,7 @@ class BakeJob:
     on the main thread (a GPU) or to its end on a worker thread (the CPU). What a graph lacks of `sequence` is
     neutral in the result; `warnings` go to its report. Where `tiles` is a queue, it gets tiles of the
     composite so far, each as its first row and its pixels (rows, width, 4). `look(probed)`, where it is set,
-    sees each layer that is measured, and may work in slices."""
+    sees each layer that is measured, and may work in slices. `observer` is told of stages and nodes."""
 
     def __init__(
         self,
@@ -65,8 +66,10 @@ class BakeJob:
         read_seconds: float = 0.0,
         sequence: tuple[SequenceLayer, ...] = (),
         warnings: Sequence[str] = (),
+        observer: Observer = NOBODY,
     ):
-        self.outline = outline
+        self.outline, self.observer = outline, observer
+        self.stage = "Starting"
         self.graphs = [graphs] if isinstance(graphs, Graph) else list(graphs)
         self.options = options
         self.sequence = sequence
@@ -75,7 +78,6 @@ class BakeJob:
         for device in {self.devices.primary, self.devices.fallback}:
             device.set_scene(outline, arrays)
         self.progress = 0.0
-        self.stage = "Starting"
         self._started = self._shown = time.perf_counter()
         self._seconds_left: float | None = None  # when last shown
         self._forecasts: list[Forecast] = []  # of this shot and those to come
@@ -101,6 +103,16 @@ class BakeJob:
     def graph(self) -> Graph:
         """Of the first shot."""
         return self.graphs[0]
+
+    @property
+    def stage(self) -> str:
+        """What it is at, in a word."""
+        return self._stage
+
+    @stage.setter
+    def stage(self, name: str) -> None:
+        self._stage = name
+        self.observer.stage(name)
 
     @property
     def _is_done(self) -> bool:
@@ -157,6 +169,7 @@ class BakeJob:
 
     def _run(self) -> Iterator[None]:
         executor = Executor(self.devices.primary, self.devices.fallback, keeps_inputs=False)
+        executor.observer = self.observer
         began, execution = time.perf_counter() - self._read_seconds, executor.execution
         self._forecasts = [self._forecast(graph, [graph], execution) for graph in self.graphs]
         yield from self._take_coarse_pictures(executor)
@@ -333,7 +346,12 @@ def _is_composite(layer: PlannedLayer) -> bool:
 
 
 def read_depsgraph(
-    depsgraph, options: Options, camera=None, size=None, exact: Exact | None = None
+    depsgraph,
+    options: Options,
+    camera=None,
+    size=None,
+    exact: Exact | None = None,
+    observer: Observer = NOBODY,
 ) -> tuple[Outline, Graph, Arrays, float] | None:
     """Scans, plans and extracts what the plan reads from an evaluated depsgraph of Blender's (in render mode:
     as F12 sees the scene); `camera` is Blender's, None for the scene's. Returns the seconds too. With `exact`
@@ -345,7 +363,9 @@ def read_depsgraph(
     name, exact = camera.name if camera else None, exact if options.read == Read.EXACT.value else None
     if exact is not None:
         exact.texels = options.read_texels
+    observer.stage("Scanning")
     found = scan(depsgraph, ScanOptions(size=size, camera=name, seed=options.seed, exact=exact))
+    observer.stage("Planning")
     graph = plan_scene(found.outline, found.shot, options)
     if exact is not None:
         parts = found.exactly.needed(graph, found.outline)
@@ -353,6 +373,7 @@ def read_depsgraph(
         if exact.is_waiting:
             return None
         found = replace(found, outline=replace(found.outline, baked=tuple(exact.told(parts))))
+    observer.stage("Extracting")
     arrays = extract(found, graph.wants, graph.instances)
     outline = with_known_clips(found.outline, arrays)
     return outline, graph, arrays, time.perf_counter() - started
@@ -379,6 +400,7 @@ def read_job(
     camera=None,
     size=None,
     show: Callable[[float], None] | None = None,
+    observer: Observer = NOBODY,
     **job_arguments,
 ) -> BakeJob:
     """A bake of the scene as F12 would see it. `options_of(scene)` is asked with the scene as evaluated at
@@ -389,10 +411,11 @@ def read_job(
 
     def read(depsgraph, exact):
         options = options_of(depsgraph.scene_eval)
-        return options, read_depsgraph(depsgraph, options, camera, size, exact)
+        return options, read_depsgraph(depsgraph, options, camera, size, exact, observer)
 
+    observer.stage("Evaluating")
     options, (*found, seconds) = with_exact(scene, view_layer, read, frame, camera, show)
-    return BakeJob(*found, options, read_seconds=seconds, **job_arguments)
+    return BakeJob(*found, options, read_seconds=seconds, observer=observer, **job_arguments)
 
 
 def bake(scene, view_layer, options: Options, **where) -> Baked:

@@ -168,6 +168,8 @@ def build_parser(needs_scene: bool) -> Parser:
         "--seed", type=whole_number(0, 0xFFFFFFFF), default=0, metavar="N", help="of the random numbers"
     )
     bake.add_argument("--report", metavar="OUT.json", help="times and errors as JSON")
+    bake.add_argument("--trace", metavar="TRACE.json",
+                      help="what every step took, when, and what bounds it, for Perfetto")  # fmt: skip
     for spec in ExrParams.specs():
         _add_exr_flag(bake, spec)
     bake.add_argument("-q", "--quiet", action="store_true", help="say nothing but what went wrong")
@@ -257,19 +259,20 @@ def _scene_flags(needs_scene: bool) -> argparse.ArgumentParser:
 
 
 def read_outputs(arguments: argparse.Namespace, frame_list: tuple[int, ...], blend: Path | None) -> None:
-    """Makes placeholders of `output` and `report`; `blend` is the .blend's path. Raises StrataError where
-    outputs would overwrite one another, or the scene."""
+    """Makes placeholders of `output`, `report` and `trace`; `blend` is the .blend's path. Raises StrataError
+    where outputs would overwrite one another, or the scene."""
     folder = blend and blend.parent
     # Names of folders get a number themselves where there are several frames.
     name = (safe_name(blend.stem) if blend else NEVER_SAVED) + ("_####" if len(frame_list) > 1 else "")
-    arguments.output = output = Placeholder(exr_path(resolved(arguments.output, folder), name))
-    report = arguments.report and Placeholder(resolved(arguments.report, folder))
-    arguments.report = report
-    for flag, target in (("-o", output), ("--report", report)):
+    arguments.output = Placeholder(exr_path(resolved(arguments.output, folder), name))
+    arguments.report = arguments.report and Placeholder(resolved(arguments.report, folder))
+    arguments.trace = arguments.trace and Placeholder(resolved(arguments.trace, folder))
+    flags = {"-o": arguments.output, "--report": arguments.report, "--trace": arguments.trace}
+    taken = {_same_file(blend)} if blend else set()
+    for flag, target in flags.items():
         if target and len(frame_list) > 1 and not target.is_numbered:
             raise StrataError(f"{flag}: several frames need #### in '{target.text}' for the frame number")
-    taken = {_same_file(blend)} if blend else set()
-    for flag, target in (("-o", output), ("--report", report)):
+    for flag, target in flags.items():
         paths = {_same_file(target.path(frame)) for frame in frame_list} if target else set()
         if paths & taken:
             raise StrataError(f"{flag}: '{target.text}' is already the name of another file of this bake")

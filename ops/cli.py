@@ -20,6 +20,7 @@ from ..addon.effects.registry import EFFECTS
 from ..addon.measure.target import samples_in
 from .arguments import build_parser, exr_values, nested, read_outputs
 from .terminal import Interrupts, Progress, clean_stdout
+from .tracing import Tracing
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
 
@@ -243,6 +244,8 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
     frames = arguments.frames or (0,)
     read_outputs(arguments, frames, _scene_path(arguments))
     _check_targets(arguments, frames)
+    arguments.tracing = Tracing(arguments.trace)
+    arguments.tracing.observer.stage("Opening")
     with _properties():
         chosen, arguments.said = _open(arguments, interrupts)
         arguments.exr = exr_of(chosen.scene, **exr_values(arguments))
@@ -254,6 +257,7 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
         asked = partial(options_of, **given)
         if (outside := chosen.outside(chosen.frames)) and not arguments.quiet:
             print(f"strata: {outside}", file=sys.stderr, flush=True)
+        arguments.tracing.observer.stage("Looking through frames")
         sequences = _sequences(arguments, chosen, asked, interrupts)
         failed = []
         for frame in chosen.frames:
@@ -284,7 +288,7 @@ def _check_targets(arguments: argparse.Namespace, frames: tuple[int, ...]) -> No
     from ..addon.layers.files import check_writable
 
     for frame in frames:
-        for target in (arguments.output, arguments.report):
+        for target in (arguments.output, arguments.report, arguments.trace):
             if target:
                 check_writable(target.path(frame))
 
@@ -310,6 +314,7 @@ def _bake_frame(
             bakes.append(baked)
     if not bakes:
         return
+    arguments.tracing.observer.stage("Writing")
     _write(arguments, frame, bakes)
     if not arguments.quiet:
         for baked in bakes:
@@ -318,6 +323,7 @@ def _bake_frame(
             print(format_table(baked.report), file=out)
         print(f"wrote {arguments.output.path(frame)}", file=out)
         out.flush()
+    arguments.tracing.write(frame, None if arguments.quiet else out)
 
 
 def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, sequence, interrupts):
@@ -339,7 +345,8 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
         progress.show(share, "Baking materials", None)
 
     try:
-        job = read_job(*where, show=show_materials, sequence=sequence, warnings=warnings)
+        observed = {"observer": arguments.tracing.observer}
+        job = read_job(*where, show=show_materials, sequence=sequence, warnings=warnings, **observed)
     finally:
         progress.clear()
     baked, reason = None, nothing_to_bake(job.graph, sequence)
@@ -356,6 +363,7 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
             interrupts.check()
             baked = run_to_end(job, show=show)
             if arguments.audit:
+                job.stage = "Auditing"
                 baked = held_against_cycles(
                     baked, job, arguments, chosen.scene, view_layer, interrupts, progress
                 )

@@ -16,6 +16,7 @@ from .execution import Execution
 from .film import Take, takes_of
 from .free_memory import check_room
 from .graph import Graph, Node, PlannedLayer, Rate
+from .observer import NOBODY, Observer
 from .outline import Outline
 from .reach import margins_of, reach_of
 from .sampling import Sampling
@@ -46,6 +47,7 @@ class Executor:
     again); if not, they are freed as soon as nothing of the graph needs them. `most_surface_bytes` bounds
     what `frame` keeps of values that do depend on the surface, `most_scene_bytes` what it keeps of those that
     do not, also while it works. `outline` is what sizes follow from (Step.bytes_of), if it is known.
+    `observer` is told of every node.
 
     Several runs and frames may be under way at once, a step of one after a step of another, and any may be
     abandoned between two nodes.
@@ -64,6 +66,7 @@ class Executor:
         self.fallback = fallback
         self.keeps_inputs = keeps_inputs
         self.outline: Outline | None = None
+        self.observer: Observer = NOBODY
         self._devices = {device.name: device for device in (fallback, primary)}.values()
         self.scene_values = SceneValues(self._devices, most_scene_values, most_scene_bytes)
         self._frame_values = FrameValues(most_surface_bytes)
@@ -202,10 +205,12 @@ class Executor:
         """Adds a film's tile of the run or frame that worked last."""
         started = time.perf_counter()
         device = self._home(take.node)
+        span = self.observer.node(take.node, device, "films")
         tile, weight = device.to_host(self.value(take.node, device)), None
         if take.weight is not None:
             weight = self._home(take.weight).to_host(self.value(take.weight, self._home(take.weight)))
         self.execution.add(take, chunk, tile, weight)
+        span.ended(tile)
         self.execution.add_time(take.node, device.name, time.perf_counter() - started, runs=0)
 
     def _go_on(self, context: _Context) -> None:
@@ -273,8 +278,11 @@ class Executor:
     def _timed(self, node: Node, device: Device, where: str, runs: int, work: Callable[[], Any]) -> Any:
         """What `work` returns, a copy of the node's value."""
         started = time.perf_counter()
+        span = self.observer.node(node, device, where, chunk=self._now.chunk)
         value = work()
+        span.issued()
         device.finish()
+        span.ended(value)
         self.execution.add_time(node, where, time.perf_counter() - started, runs)
         return value
 
@@ -325,10 +333,13 @@ class Executor:
         size = node.step.bytes_of(node, self.outline) if node.step.bytes_of and self.outline else 0
         started = time.perf_counter()
         compiling = device.compile_seconds
+        span = self.observer.node(node, device, device.name, inputs, self._now.chunk)
         try:
             check_room(size)
             value = node.step.twin(device.name)(device, *inputs, **node.params, **extra)
+            span.issued()
             device.finish()
+            span.ended(value)
         except device.cancelled:
             raise Cancelled() from None
         except MemoryError as error:

@@ -6,13 +6,13 @@ import os
 import platform
 import statistics
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 import bpy
 import numpy as np
+from strata.addon.measure.bandwidth import copy_bandwidth
 
 COPY_BYTES = 512 << 20  # beyond any cache but the largest servers'
 MATRIX_SIDE = 2048
@@ -63,18 +63,11 @@ def _best(run, repeats: int) -> float:
 
 def measure_limits(repeats: int = 5) -> Limits:
     """By numpy's copies, one thread a core, and by its BLAS."""
-    threads = os.cpu_count()
-    source = np.ones(COPY_BYTES // 8)
-    target = np.zeros_like(source)
-    parts = list(zip(np.array_split(target, threads), np.array_split(source, threads), strict=True))
-    with ThreadPoolExecutor(threads) as pool:
-        copying = _best(lambda: list(pool.map(lambda pair: np.copyto(*pair), parts)), repeats)
-    parts.clear()
-    del source, target  # a gigabyte
+    bandwidth = copy_bandwidth(COPY_BYTES, repeats)
     matrix = np.full((MATRIX_SIDE, MATRIX_SIDE), 0.5, np.float32)
     product = np.empty_like(matrix)
     multiplying = _best(lambda: np.matmul(matrix, matrix, out=product), repeats)
-    return Limits(2.0 * COPY_BYTES / copying, 2.0 * MATRIX_SIDE**3 / multiplying)
+    return Limits(bandwidth, 2.0 * MATRIX_SIDE**3 / multiplying)
 
 
 def interleaved(runs: dict, repeats: int) -> dict:

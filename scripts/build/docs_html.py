@@ -21,6 +21,7 @@ DOCUMENTS = {
     "docs/accuracy.md": "accuracy.html",
     "docs/report.md": "report.html",
     "docs/performance.md": "performance.html",
+    "docs/trace.md": "trace.html",
     "docs/stability.md": "stability.html",
     "docs/architecture.md": "architecture.html",
     "docs/new_effect.md": "new_effect.html",

@@ -114,6 +114,9 @@ def test_scripts_run_where_they_are_trusted(tmp_path):
         ("bake SCENE -o OUT/x.exr --report OUT/x.exr", "another file"),
         ("bake SCENE -o OUT/x.exr --report SCENE", "another file"),
         ("bake SCENE -o OUT/x.exr --report SCENE/x.json", "is not a folder"),
+        ("bake SCENE -o OUT/#.exr --frames 1-2 --trace OUT/x.json", "--trace: several frames need ####"),
+        ("bake SCENE -o OUT/x.exr --report OUT/x.json --trace OUT/x.json", "--trace: "),
+        ("bake SCENE -o OUT/x.exr --trace SCENE/x.json", "is not a folder"),
         ("bake OUT/none.blend -o OUT/x.exr", "cannot read"),
         ("bake OUT -o OUT/x.exr", "cannot read"),
         ("bake SCENE -o OUT/x.exr --scene Other", "no scene 'Other'"),
@@ -253,6 +256,32 @@ def test_bake_writes_layers_and_report(tmp_path):
         assert layer.name in result.stdout
     assert (told["backend"], told["size"]) == ("cpu", [96, 54])
     assert str(out) in result.stdout
+
+
+def test_each_frame_has_a_trace(tmp_path):
+    words = ("--frames", "1,3", "-o", tmp_path / "f_##.exr", "--trace", tmp_path / "f_##.json", *QUICK)
+    result = strata("bake", SAMPLES / "animated.blend", *words)
+    assert sorted(os.listdir(tmp_path)) == ["f_01.exr", "f_01.json", "f_03.exr", "f_03.json"]
+    for frame in (1, 3):
+        told = json.loads((tmp_path / f"f_0{frame}.json").read_text())
+        assert told["otherData"]["frame"] == frame
+        stages = [event["name"] for event in told["traceEvents"] if event.get("cat") == "stage"]
+        before = ["Opening", "Looking through frames"] if frame == 1 else []
+        reading = ["Evaluating", "Scanning", "Planning", "Extracting"]
+        assert stages == [*before, *reading, "Starting", "Baking", "Measuring", "Done", "Writing"]
+    assert "bound by" in result.stdout
+    assert "soft_shadow/rays_alone" in result.stdout
+
+
+def test_a_trace_that_cannot_be_written_costs_no_bake(tmp_path, capfd):
+    trace = "/proc/trace.json"  # a folder that says it is writable and takes nothing
+    words = (str(SAMPLES / "animated.blend"), "-o", str(tmp_path / "x.exr"), "--trace", trace, *QUICK)
+    assert main(["bake", *words]) == 2
+    out, err = capfd.readouterr()
+    assert f"wrote {tmp_path / 'x.exr'}" in out
+    assert err.splitlines()[-1].startswith(f"strata: cannot write {trace}: ")
+    assert read_layers(tmp_path / "x.exr").layers
+    assert os.listdir(tmp_path) == ["x.exr"]
 
 
 def test_frames_each_have_their_file(tmp_path):

@@ -1,0 +1,72 @@
+"""`strata bake --trace`: a file for Perfetto of each frame, and its sums as a table."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, TextIO
+
+from ..addon.core.observer import NOBODY, Observer
+from ..addon.core.version import VERSION
+from ..addon.layers.files import replaced
+from ..addon.layers.numbered import Placeholder
+from ..addon.measure.table import columns
+from ..addon.measure.trace import Trace
+
+SHOWN_SHARE = 0.005
+"""Rows of the table that take less are one."""
+
+
+class Tracing:
+    """`observer` listens to what comes next, where there is a target to write to."""
+
+    def __init__(self, target: Placeholder | None):
+        self._target = target
+        self.observer: Observer = Trace() if target else NOBODY
+
+    def write(self, frame: int, out: TextIO | None) -> None:
+        """What was traced up to now; a new trace begins. Raises StrataError where the disk does not play
+        along."""
+        if self._target is None:
+            return
+        trace = self.observer
+        trace.end_stage()
+        told = trace.to_json(strata=VERSION, frame=frame)
+        self.observer, path = Trace(), self._target.path(frame)
+        with replaced(path) as stream:
+            stream.write(json.dumps(told, ensure_ascii=False, allow_nan=False).encode())
+        if out:
+            for line in ["", *table(told["otherData"]), f"wrote {path}"]:
+                print(line, file=out)
+            out.flush()
+
+
+def table(told: dict[str, Any]) -> list[str]:
+    """Lines: by step and by stage what it took, and what bounds it."""
+    shown = [row for row in told["summary"] if row["share"] >= SHOWN_SHARE]
+    rest = told["summary"][len(shown) :]
+    rows = [
+        (
+            row["name"],
+            row["where"],
+            str(row["count"]),
+            f"{row['seconds']:.3f}",
+            f"{100.0 * row['share']:.1f}%",
+            f"{row['cores_busy']:.1f}",
+            f"{1e-6 * (row['read_bytes'] + row['made_bytes']):.0f}" if "least_s" in row else "",
+            f"{row['least_s']:.3f}" if "least_s" in row else "",
+            row["bound"],
+        )
+        for row in shown
+    ]
+    if rest:
+        seconds, share = (sum(row[name] for row in rest) for name in ("seconds", "share"))
+        count = sum(row["count"] for row in rest)
+        rows.append(
+            (f"{len(rest)} others", "", str(count), f"{seconds:.3f}", f"{100.0 * share:.1f}%", *[""] * 4)
+        )
+    machine = f"{told['seconds']:.2f} s, {told['cores']} cores"
+    if (others := told["others_cores"]) is not None:
+        machine += f", of which others had {others:.1f}"
+    machine += f", copying {1e-9 * told['copied_bytes_per_s']:.1f} GB/s"
+    titles = ["step or stage", "where", "runs", "seconds", "share", "cores", "MB", "least s", "bound by"]
+    return [f"trace    {machine}", "", *columns(titles, rows)]
