@@ -29,7 +29,7 @@ class Tracing:
         if self._target is None:
             return
         trace = self.observer
-        trace.end_stage()
+        trace.end()
         told = trace.to_json(strata=VERSION, frame=frame)
         self.observer, path = Trace(), self._target.path(frame)
         with replaced(path) as stream:

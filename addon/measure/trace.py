@@ -110,18 +110,17 @@ class Event:
 
 
 class _Clock:
-    """What has passed since it was made."""
+    """The moment at which it was made."""
 
     def __init__(self):
         self._thread = threading.get_ident()
         self._cpu_s, self._caller_s = time.process_time(), time.thread_time()
         self.started = time.perf_counter()
 
-    def work(self) -> Work:
-        ended, cpu_s = time.perf_counter(), time.process_time()
-        is_same = threading.get_ident() == self._thread
-        caller_s = time.thread_time() - self._caller_s if is_same else None
-        return Work(ended - self.started, cpu_s - self._cpu_s, caller_s)
+    def until(self, end: _Clock) -> Work:
+        """What passed up to another's moment."""
+        caller_s = end._caller_s - self._caller_s if end._thread == self._thread else None
+        return Work(end.started - self.started, end._cpu_s - self._cpu_s, caller_s)
 
 
 class Trace(Observer):
@@ -131,19 +130,25 @@ class Trace(Observer):
         self.events: list[Event] = []
         self._began = self._ended = time.perf_counter()
         self._before = time.process_time(), _all_cores_s()
-        self._stage: tuple[str, _Clock, dict] | None = None
+        self._stage: tuple[str, _Clock] | None = None
 
-    def stage(self, name: str, **args: Any) -> None:
-        self.end_stage()
-        self._stage = name, _Clock(), args
+    def stage(self, name: str) -> None:
+        self._stage = name, self._end_stage()
+        if not self.events:
+            self._began = self._stage[1].started
 
-    def end_stage(self, **args: Any) -> None:
-        """Where one is under way; `args` are told of it."""
+    def end(self) -> None:
+        """Of the last stage."""
+        self._ended = self._end_stage().started
+        self._stage = None
+
+    def _end_stage(self) -> _Clock:
+        """The moment at which the next begins: there is nothing between two."""
+        now = _Clock()
         if self._stage is not None:
-            name, clock, before = self._stage
-            self._stage = None
-            self.events.append(Event(name, STAGES, clock.started, clock.work(), before | args))
-        self._ended = time.perf_counter()
+            name, began = self._stage
+            self.events.append(Event(name, STAGES, began.started, began.until(now)))
+        return now
 
     def node(
         self, node: Node, device: Device, where: str, inputs: Sequence[Any] = (), chunk: Chunk | None = None
@@ -273,7 +278,7 @@ class _Watched(Span):
             self._issued_at = time.perf_counter()
 
     def ended(self, value: Any = None) -> None:
-        event, work = self._event, self._clock.work()
+        event, work = self._event, self._clock.until(_Clock())
         event.started = self._clock.started
         work.compile_s = self._device.compile_seconds - self._compiled_s
         work.read_bytes, work.made_bytes = event.work.read_bytes, self._device.size_of(value)
