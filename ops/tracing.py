@@ -51,6 +51,7 @@ def table(told: dict[str, Any]) -> list[str]:
             str(row["count"]),
             f"{row['seconds']:.3f}",
             f"{100.0 * row['share']:.1f}%",
+            f"{row['cpu_s']:.3f}",
             f"{row['cores_busy']:.1f}",
             f"{1e-6 * (row['read_bytes'] + row['made_bytes']):.0f}" if "least_s" in row else "",
             f"{row['least_s']:.3f}" if "least_s" in row else "",
@@ -62,11 +63,22 @@ def table(told: dict[str, Any]) -> list[str]:
         seconds, share = (sum(row[name] for row in rest) for name in ("seconds", "share"))
         count = sum(row["count"] for row in rest)
         rows.append(
-            (f"{len(rest)} others", "", str(count), f"{seconds:.3f}", f"{100.0 * share:.1f}%", *[""] * 4)
+            (f"{len(rest)} others", "", str(count), f"{seconds:.3f}", f"{100.0 * share:.1f}%", *[""] * 5)
         )
     machine = f"{told['seconds']:.2f} s, {told['cores']} cores"
     if (others := told["others_cores"]) is not None:
         machine += f", of which others had {others:.1f}"
     machine += f", copying {1e-9 * told['copied_bytes_per_s']:.1f} GB/s"
-    titles = ["step or stage", "where", "runs", "seconds", "share", "cores", "MB", "least s", "bound by"]
+    titles = [
+        "step or stage",
+        "where",
+        "runs",
+        "seconds",
+        "share",
+        "CPU s",
+        "cores",
+        "MB",
+        "least s",
+        "bound by",
+    ]
     return [f"trace    {machine}", "", *columns(titles, rows)]

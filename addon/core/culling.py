@@ -150,13 +150,19 @@ def receivers_in_view(outline: Outline, shot: Shot) -> tuple[np.ndarray, np.ndar
         return seen, np.zeros((0, 2, 3))
     if shot.seen is not None:
         return seen, shot.seen
-    low, high = boxes[seen, 0].min(axis=0), boxes[seen, 1].max(axis=0)
-    depth = view.to_view(corners_of(boxes[seen]).reshape(-1, 3))[:, 2].max()
+    # Every effect and lamp of a plan asks, and each time all corners would go through the view.
+    return seen, outline.instances.memo(("around seen", view, guard), lambda: _around_seen(view, boxes[seen]))
+
+
+def _around_seen(view: View, boxes: np.ndarray) -> np.ndarray:
+    """(1, 2, 3): around what of `boxes` (M, 2, 3) lies in the view."""
+    low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+    depth = view.to_view(corners_of(boxes).reshape(-1, 3))[:, 2].max()
     frustum = frustum_corners(view, float(np.clip(depth, view.near, view.far)))
     margin = 0.05 * (frustum.max(axis=0) - frustum.min(axis=0))
     low = np.maximum(low, frustum.min(axis=0) - margin)
     high = np.minimum(high, frustum.max(axis=0) + margin)
-    return seen, np.stack([low, np.maximum(low, high)])[None]
+    return np.stack([low, np.maximum(low, high)])[None]
 
 
 def around(boxes: np.ndarray) -> np.ndarray:

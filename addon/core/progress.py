@@ -9,6 +9,7 @@ been so far.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 from .execution import Execution
 from .graph import Graph, Node, Rate
@@ -34,43 +35,60 @@ def recall(seconds: Mapping[tuple[str, bool], float]) -> None:
     _learnt.update({kind: each for kind, each in seconds.items() if kind not in _learnt})
 
 
+@dataclass
+class _Runs:
+    """Of one node: how often at the end, in what seconds are kept for each, and what such a one takes on an
+    ordinary machine. `is_plain`: all nodes of its kind have about as much to do."""
+
+    kind: tuple[str, bool]
+    runs: int
+    unit: float
+    ordinary: float
+    is_plain: bool
+
+
 class Forecast:
     """Of `parts` that one after the other go into `execution`: graphs, and in how many chunks of `pixels`
-    pixels each runs."""
+    pixels each runs. It is asked many times a second, about hundreds of nodes: what does not change is found
+    once, and nodes go by their keys, since their own hash is Python's work."""
 
     def __init__(
         self, parts: Iterable[tuple[Graph, int]], pixels: float, execution: Execution, outline: Outline
     ):
         self._pixels, self._execution, self._outline = pixels, execution, outline
-        self._runs: dict[Node, int] = {}  # of each node, at the end
-        self._units: dict[Node, float] = {}
+        self._nodes: dict[str, _Runs] = {}
         for graph, chunks in parts:
             for node in graph.nodes():
-                more = chunks if node.rate == Rate.SAMPLE else int(node not in self._runs)
-                self._runs[node] = self._runs.get(node, 0) + more
+                is_known = node.key in self._nodes
+                more = chunks if node.rate == Rate.SAMPLE else int(not is_known)
+                if is_known:
+                    self._nodes[node.key].runs += more
+                else:
+                    self._nodes[node.key] = self._runs_of(node, more)
 
     def seconds_left(self) -> float:
         """What the nodes that are still to run will take."""
         taken = self._taken()
         slower, learnt = self._slower(taken), dict(_learnt)
         sums: dict[tuple[str, bool], list[float]] = {}
-        for node, (seconds, runs) in taken.items():
-            kind = _kind(node)
-            total = sums.setdefault(kind, [0.0, 0.0])
+        for node, seconds, runs in taken.values():
+            total = sums.setdefault(node.kind, [0.0, 0.0])
             total[0] += seconds
-            total[1] += runs * self._unit(node)
+            total[1] += runs * node.unit
         left = 0.0
-        for node, runs in self._runs.items():
-            seconds, done = taken.get(node, (0.0, 0))
+        for key, node in self._nodes.items():
+            _, seconds, done = taken.get(key, (node, 0.0, 0))
+            if done >= node.runs:
+                continue
             if done:
                 each = seconds / done
             else:
                 # Lamps differ: where a step does not say by how much, the next may be a more usual one.
-                usual = learnt.get(_kind(node), slower * _ordinary(node))
-                known, units = sums.get(_kind(node), (0.0, 0.0))
-                more = 0.0 if units and node.step.work_of else runs * self._unit(node)
-                each = self._unit(node) * (known + usual * more) / (units + more)
-            left += max(runs - done, 0) * each
+                usual = learnt.get(node.kind, slower * node.ordinary)
+                known, units = sums.get(node.kind, (0.0, 0.0))
+                more = node.runs * node.unit if node.is_plain or not units else 0.0
+                each = node.unit * (known + usual * more) / (units + more)
+            left += (node.runs - done) * each
         return left
 
     def slower(self) -> float:
@@ -80,50 +98,43 @@ class Forecast:
     def usually_slower(self) -> float:
         """The same by what earlier bakes tell, before anything has run."""
         usual, real = KNOWN_SECONDS, KNOWN_SECONDS
-        for node, runs in self._runs.items():
-            if (seconds := _learnt.get(_kind(node))) is not None:
-                usual += runs * self._unit(node) * _ordinary(node)
-                real += runs * self._unit(node) * seconds
+        for node in self._nodes.values():
+            if (seconds := _learnt.get(node.kind)) is not None:
+                usual += node.runs * node.unit * node.ordinary
+                real += node.runs * node.unit * seconds
         return real / usual
 
-    def _slower(self, taken: dict[Node, tuple[float, int]]) -> float:
+    def _slower(self, taken: dict[str, tuple[_Runs, float, int]]) -> float:
         usual, real = KNOWN_SECONDS, KNOWN_SECONDS
-        for node, (seconds, runs) in taken.items():
-            if _kind(node) not in _learnt:
-                usual += runs * self._unit(node) * _ordinary(node)
+        for node, seconds, runs in taken.values():
+            if node.kind not in _learnt:
+                usual += runs * node.unit * node.ordinary
                 real += seconds
         return real / usual
 
     def learn(self) -> None:
         """At the end: what the steps took is known to the next bake."""
         sums: dict[tuple[str, bool], list[float]] = {}
-        for node, (seconds, runs) in self._taken().items():
-            total = sums.setdefault(_kind(node), [0.0, 0.0])
+        for node, seconds, runs in self._taken().values():
+            total = sums.setdefault(node.kind, [0.0, 0.0])
             total[0] += seconds
-            total[1] += runs * self._unit(node)
+            total[1] += runs * node.unit
         _learnt.update({kind: seconds / units for kind, (seconds, units) in sums.items() if units})
 
-    def _taken(self) -> dict[Node, tuple[float, int]]:
-        """Seconds and runs of each node so far; copies between devices take time and are no runs."""
-        found: dict[Node, tuple[float, int]] = {}
-        for timing in list(self._execution.timings.values()):
-            seconds, runs = found.get(timing.node, (0.0, 0))
-            copies = " to " in timing.device
-            found[timing.node] = seconds + timing.seconds, runs if copies else max(runs, timing.runs)
+    def _taken(self) -> dict[str, tuple[_Runs, float, int]]:
+        """Seconds and runs of each node so far, by its key; copies between devices take time and are no
+        runs."""
+        found: dict[str, tuple[_Runs, float, int]] = {}
+        for (key, device), timing in list(self._execution.timings.items()):
+            if key not in self._nodes:  # what only measuring asked for
+                self._nodes[key] = self._runs_of(timing.node, 0)
+            node, seconds, runs = found.get(key, (self._nodes[key], 0.0, 0))
+            found[key] = node, seconds + timing.seconds, runs if " to " in device else max(runs, timing.runs)
         return found
 
-    def _unit(self, node: Node) -> float:
-        """How much a run has to do, in what seconds are kept for."""
-        if node not in self._units:
-            work = node.step.work_of(node, self._outline) if node.step.work_of else 1.0
-            self._units[node] = work * (self._pixels if node.rate == Rate.SAMPLE else 1.0)
-        return self._units[node]
-
-
-def _kind(node: Node) -> tuple[str, bool]:
-    return node.step.name, node.rate == Rate.SAMPLE
-
-
-def _ordinary(node: Node) -> float:
-    seconds = node.step.ordinary_seconds
-    return MOST_SECONDS[node.rate == Rate.SAMPLE] if seconds is None else seconds
+    def _runs_of(self, node: Node, runs: int) -> _Runs:
+        step, is_at_surface = node.step, node.rate == Rate.SAMPLE
+        unit = step.work_of(node, self._outline) if step.work_of else 1.0
+        ordinary = MOST_SECONDS[is_at_surface] if step.ordinary_seconds is None else step.ordinary_seconds
+        unit *= self._pixels if is_at_surface else 1.0
+        return _Runs((step.name, is_at_surface), runs, unit, ordinary, step.work_of is None)

@@ -247,9 +247,12 @@ def ray_accelerator(outline: Outline, shot: Shot) -> Node:
     query names its instances. Outside any graph too: measuring asks for the one that an effect may have
     built."""
     node = Node(GEOMETRY, "", (), {"scene": _content(outline)})
-    casters = frozenset(
-        i
-        for i, each in enumerate(outline.instances)
-        if each.casts_shadow or each.visible_camera or each.medium is not None
+    casters = outline.instances.memo(
+        ("traced",),
+        lambda: frozenset(
+            i
+            for i, each in enumerate(outline.instances)
+            if each.casts_shadow or each.visible_camera or each.medium is not None
+        ),
     )
     return Node(RAY_ACCELERATOR, "", (node,), {"eye": shot.origin, "casters": casters})

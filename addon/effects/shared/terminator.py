@@ -15,6 +15,9 @@ from ...core.shot import Shot
 READ = ("terminator_lift", "instance")
 """What of a surface tells it."""
 
+EVERYWHERE = slice(None)
+"""An index of all points, which copies nothing."""
+
 
 def offsets_of(outline: Outline, shot: Shot | None = None) -> np.ndarray | None:
     """(N + 1,) float32, of each instance and, last, of a miss; None where no instance that the shot may show,
@@ -28,10 +31,13 @@ def offsets_of(outline: Outline, shot: Shot | None = None) -> np.ndarray | None:
     return offsets if (shown > 0.0).any() else None
 
 
-def lifts_of(surface: Mapping[str, np.ndarray], offsets: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+def lifts_of(
+    surface: Mapping[str, np.ndarray], offsets: np.ndarray, chosen: np.ndarray | slice = EVERYWHERE
+) -> np.ndarray:
     """(N, 4) float32 of the surface's points `chosen` (an index), row by row: the way, metres in world axes,
     and the offset."""
-    lifts = np.empty((len(chosen), 4), np.float32)
-    lifts[:, :3] = surface["terminator_lift"].reshape(-1, 3)[chosen]
+    lift = surface["terminator_lift"].reshape(-1, 3)[chosen]
+    lifts = np.empty((len(lift), 4), np.float32)
+    lifts[:, :3] = lift
     lifts[:, 3] = offsets[surface["instance"].reshape(-1)[chosen]]
     return lifts

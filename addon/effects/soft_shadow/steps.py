@@ -8,7 +8,7 @@ from ...core.graph import Node, Rate, Step
 from ...core.outline import Outline
 from ...core.surface import Chunk
 from ..shared.membership import belong
-from ..shared.terminator import lifts_of
+from ..shared.terminator import EVERYWHERE, lifts_of
 from . import close_casters, gpu_steps
 from .params import Method
 
@@ -112,18 +112,22 @@ def _rays(
 
 
 def _traced(device, surface, chosen, accelerator, eye, emitter, casters, rays, seed, chunk, offsets):
-    """(N,) float32 of points `chosen` (an index), by so many rays each. Pixels are told apart whatever the
-    tiles and the device, and a pixel's samples go on with one sequence, which is well spread as a whole."""
+    """(N,) float32 of points `chosen` (an index, None: all), by so many rays each. Pixels are told apart
+    whatever the tiles and the device, and a pixel's samples go on with one sequence, which is well spread as
+    a whole."""
+    places, numbered = chosen, chosen
+    if chosen is None:
+        places, numbered = EVERYWHERE, np.arange(np.prod(chunk.shape))
     traced, _ = device.kernels.ray_visibility(
         accelerator,
         device.instance_mask(casters),
         emitter.packed(),
         np.array(eye),
-        *(np.ascontiguousarray(surface[name].reshape(-1, 3)[chosen]) for name in POINTS),
+        *(np.ascontiguousarray(surface[name].reshape(-1, 3)[places]) for name in POINTS),
         rays,
         seed,
-        chunk.numbers(chosen),
-        None if offsets is None else lifts_of(surface, offsets, chosen),
+        chunk.numbers(numbered),
+        None if offsets is None else lifts_of(surface, offsets, places),
         first=chunk.sample * rays,
         cancel=device.cancel_flag,
     )
@@ -131,10 +135,7 @@ def _traced(device, surface, chosen, accelerator, eye, emitter, casters, rays, s
 
 
 def _rays_alone(device, surface, accelerator, eye, emitter, casters, rays, seed, chunk, offsets=None):
-    everywhere = np.arange(np.prod(chunk.shape))
-    traced = _traced(
-        device, surface, everywhere, accelerator, eye, emitter, casters, rays, seed, chunk, offsets
-    )
+    traced = _traced(device, surface, None, accelerator, eye, emitter, casters, rays, seed, chunk, offsets)
     return traced.reshape(chunk.shape)
 
 

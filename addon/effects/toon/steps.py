@@ -36,7 +36,7 @@ def _facing(device, surface, *visibility, normal, lights, shadowed, linked):
 def _crisp_shadow(device, surface, accelerator, normal, place, is_distant, casters, offsets=None):
     shape, lifts = surface["position"].shape[:2], None
     if offsets is not None:
-        lifts = lifts_of(surface, offsets, np.arange(shape[0] * shape[1])).reshape(*shape, 4)
+        lifts = lifts_of(surface, offsets).reshape(*shape, 4)
     return device.kernels.rays_towards(
         accelerator,
         device.instance_mask(casters),

@@ -253,7 +253,7 @@ def _towards(emitter: Emitter, points: np.ndarray, square: np.ndarray):
     density. `square` (N, 2): random numbers from 0 to 1."""
     if emitter.kind == EmitterKind.DISTANT_DISK:
         filled = 1.0 - 1.0 / math.hypot(1.0, emitter.half_width)
-        axis = np.broadcast_to(-np.array(emitter.forward), points.shape)
+        axis = -np.array(emitter.forward)[None]  # the same for all points
         direction, _ = _within(axis, filled, square)
         solid = 2.0 * math.pi * filled if emitter.half_width > 0.0 else 1.0
         return direction, np.full(len(points), np.inf), np.full(len(points), solid)
