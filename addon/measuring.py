@@ -57,6 +57,7 @@ class Measuring:
         self._unread = unread_materials(outline.materials)
         self._clear_rays: CpuRays | None = None  # past all that is unread
         self.watching_seconds: dict[str, float] = {}  # by layer
+        self._watches: dict[str, Watch] = {}  # by layer
         self.look: Callable[[Probed], Generator[None]] | None = None  # at each measured layer
         self.seconds = 0.0  # of all so far, without the error images
 
@@ -99,6 +100,8 @@ class Measuring:
         work = self.measurement.guarded(self.measurement.watch(self._probed(layer), samples))
         watch, seconds = yield from timed(unless_cancelled(work, self._executor.fallback.cancel_flag))
         self.watching_seconds[layer.name] = self.watching_seconds.get(layer.name, 0.0) + seconds
+        if isinstance(watch, Watch):
+            self._watches[layer.name] = replace(watch, seconds=seconds)
         return watch
 
     def watched_error(self, layer: PlannedLayer, watch: Watch) -> float:
@@ -125,7 +128,7 @@ class Measuring:
         work = self.measurement.measure(probed, allowed / (1 + is_unread), self.outlook.expect)
         error = yield from unless_cancelled(work, flag)
         if is_unread and isinstance(error, LayerError):
-            cleared = replace(probed, rays=self._clear_rays, found={})
+            cleared = replace(probed, rays=self._clear_rays, watched=None, found={})
             clear = yield from unless_cancelled(self.measurement.again(cleared, error), flag)
             error = replace(between(error, clear), seconds=clear.seconds)
         if self._outline.unknown and isinstance(error, LayerError):
@@ -163,6 +166,7 @@ class Measuring:
             self._kept_samples(layer),
             self._rays,
             self._executor.fallback.instance_mask(layer.casters),
+            self._watches.get(layer.name),
         )
 
     def _kept_samples(self, layer: PlannedLayer) -> KeptSamples | None:

@@ -179,3 +179,20 @@ def within[Result](
         if number + 1 == len(PILOTS):
             found = (yield from work(last)), last
     return found
+
+
+def at_pace[Result](
+    work: Callable[[int], Generator[None, None, Result]],
+    seconds: float,
+    besides: float,
+    each: float,
+    most: int = DEFAULT_PROBES,
+    expect: Callable[[float], None] = lambda seconds: None,
+) -> Generator[None, None, tuple[Result, int]]:
+    """The same as `within`, without pilots, where it is known what `each` probe takes and what all numbers of
+    them need `besides`."""
+    probes = PILOTS[1]
+    while 2 * probes <= most and besides + 2 * probes * each <= seconds:
+        probes *= 2
+    expect(besides + probes * each)
+    return (yield from work(probes)), probes

@@ -17,6 +17,7 @@ from ..core.sampling import footprints
 from ..core.shot import Shot
 from ..core.view_rays import ViewRays
 from .strata import Stratum, strata_of
+from .watch import Watch
 
 RAYS_AT_ONCE = 1 << 14
 """View rays between two yields: some hundredths of a second."""
@@ -27,7 +28,8 @@ class Probed:
     """What a Score makes a figure of. `image` (height, width[, channels]): the finished layer; `weights`
     alike, or of one channel: the mean of what its samples weighed, None if they did not; `samples`: what
     some of its pixels were made of, None if nobody kept it; `casters` (instances,) uint8: what can block
-    its light. `layers`: of the whole graph."""
+    its light. `layers`: of the whole graph; `watched`: other pixels, which told when the layer had enough
+    samples."""
 
     layer: PlannedLayer
     layers: tuple[PlannedLayer, ...]
@@ -38,6 +40,7 @@ class Probed:
     samples: KeptSamples | None
     rays: RayCaster
     casters: np.ndarray
+    watched: Watch | None = None
     _strata: dict[int, list[Stratum]] = field(default_factory=dict, repr=False, compare=False)
     found: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
     """What a score found out for all numbers of probes, for it to find again."""

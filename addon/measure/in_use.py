@@ -11,20 +11,22 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..core.metrics import BRIGHTEST, maximum, mean_brightness, quantile
+from ..core.metrics import maximum, quantile
 from ..core.params import Params
 from ..core.random import hash_bits
 from ..core.working_space import luminance_of
 from .deviation import LIT_VIEWS, Deviations, Scale, deviations, joined_deviations
+from .drawn import Draw, draw, drawn_part, everything, likely_sizes, spread_of
 from .error_image import ErrorImage, error_image
 from .footprint import Probed, Truth, seen
 from .interval import joined, limits
 from .kept_samples import method_error
 from .light import by_cause
 from .report import LayerError
-from .strata import NOTHING, Difficulty, Stratum, finite, largest_nearby, mean_weight, nearby, scaling_codes
-from .survey import BinarySurvey, EmptySurvey, GroupedSurvey, Screened, Survey, allot, looks_again
-from .watch import Watch, likely_pixels
+from .scale import scale_of
+from .strata import NOTHING, Difficulty, Stratum, finite, largest_nearby, mean_weight, scaling_codes
+from .survey import BinarySurvey, EmptySurvey, Estimate, GroupedSurvey, Screened, Survey, allot, looks_again
+from .watch import Watch
 from .whole import Whole
 
 VIEWS, SAMPLES = 16, 2
@@ -48,14 +50,14 @@ LIKELY = {Difficulty.EDGE: 4.0}
 """Strata with more errors than others are looked at more."""
 MOST_REPEATS, MOST_BETWEEN = 32, 4
 """Times the rays of one pixel, where there are few pixels; the latter of those that are partly lit."""
+DRAWN = Difficulty.BETWEEN, Difficulty.FRINGE
+"""Strata whose pixels are drawn by how wrong they may be, where others were watched."""
+DRAWS, ENOUGH_WATCHED = 2, 32
+"""For each probe that was asked for; and pixels of those strata that must have been watched."""
 BRIGHT_PIXELS = 16
 """Of each stratum, that may be as bright as the mean."""
 ROUNDING = 9
 """Decimals beyond which white light has colours too."""
-SCALE_PIXELS, SCALE_LIT, MOST_SCALE_PIXELS = 1024, 64, 1 << 16
-"""Looked at for the mean brightness, and more until so many of them are lit, up to the last."""
-SCALE_SETS = 2
-"""Of LIT_VIEWS view rays each: they tell how sure it is."""
 IMAGE_VIEWS = 8, 24
 """Of a pixel of an error image: view rays of each half, and how many more where the halves disagree."""
 WHOLE_VIEWS, WHOLE_AT_ONCE = 8, 1 << 12
@@ -119,9 +121,13 @@ class _Measuring:
         strata = self.probed.strata(self._codes, self.seed)
         yield
         self.scale = yield from self._found_scale()
-        surveys = yield from self._screened(strata)
+        to_draw = self._to_draw(strata)
+        surveys = yield from self._screened([each for each in strata if each not in to_draw])
         found = yield from self._probed(surveys)
         estimates = [survey.estimate(each) for survey, each in zip(surveys, found, strict=True)]
+        if to_draw:
+            estimates.append((yield from self._drawn(to_draw)))
+            found.append([estimates[-1].found])
         part = joined(each.part for each in estimates)
         count = math.fsum(each.count for each in estimates)
         all_of = joined_deviations([each.found for each in estimates])
@@ -194,18 +200,63 @@ class _Measuring:
 
     def watch(self, samples: int) -> Generator[None, None, Watch]:
         self.scale = yield from self._found_scale()
-        share, count, weights = 1.0, None, self.probed.weights
+        count, weights = None, self.probed.weights
         if weights is not None:
             light = weights.reshape(*weights.shape[:2], -1).mean(axis=2)
             count = float(np.count_nonzero(light > NOTHING * light.max()))
-            near = largest_nearby(light)  # samples may have missed what there is
-            share = near / (near + (mean_weight(light) or 1.0))
-        pixels, stands_for = likely_pixels(self.probed.image, share, self.probes, samples, self.seed)
+        drawn = draw(self._likely_sizes(samples), self.probes, self.seed)
+        pixels, stands_for = drawn.pixels, drawn.stands_for
         own = int(hash_bits(self.seed, 4))
         found = yield from self._told(pixels, VIEWS, SAMPLES, own, 2)
         if count is None:
             count = float((stands_for * found.has_light).sum())
-        return Watch(pixels, stands_for, self._values(pixels), found.errors, found.slopes, count)
+        return Watch(pixels, stands_for, self._values(pixels), found.errors, found.slopes, count, samples)
+
+    def _likely_sizes(self, samples: int) -> np.ndarray:
+        """(pixels,) as likely_sizes says."""
+        share, weights = 1.0, self.probed.weights
+        if weights is not None:
+            light = weights.reshape(*weights.shape[:2], -1).mean(axis=2)
+            near = largest_nearby(light)  # samples may have missed what there is
+            share = near / (near + (mean_weight(light) or 1.0))
+        return likely_sizes(self.probed.image, share, samples)
+
+    def _to_draw(self, strata: Sequence[Stratum]) -> list[Stratum]:
+        """Those whose pixels are drawn one by one: what a pixel that was missed may be off by is not told by
+        the layer alone, but by what others are, of which enough must have been watched."""
+        if self.probed.watched is None or self.probed.weights is None:
+            return []
+        those = [each for each in strata if each.difficulty in DRAWN]
+        members = np.concatenate([np.zeros(0, np.uint32), *(each.members for each in those)])
+        return those if np.isin(self.probed.watched.pixels, members).sum() >= ENOUGH_WATCHED else []
+
+    def _drawn(self, strata: Sequence[Stratum]) -> Generator[None, None, Estimate]:
+        members = np.sort(np.concatenate([each.members for each in strata]))
+        watch = self.probed.watched
+        count, likely = DRAWS * self.probes, self._likely_sizes(watch.samples)
+        drawn, views = draw(likely[members], count, int(hash_bits(self.seed, 6))), VIEWS
+        if len(members) <= count:
+            drawn, views = everything(len(members)), VIEWS * min(count // len(members), MOST_REPEATS)
+        pixels = members[drawn.pixels]
+        found = yield from self._told(pixels, views, SAMPLES, int(hash_bits(self.seed, 7)), 2)
+        is_one = np.isin(watch.pixels, members)
+        squares = (watch.errors_of(self._values(watch.pixels)).mean(axis=1) ** 2).sum(axis=1)[is_one]
+        sizes = drawn.sizes[np.searchsorted(members, watch.pixels[is_one])]
+        own = found.sizes**2 / drawn.sizes[drawn.pixels]
+        worst = max(own.max(initial=0.0), (squares / sizes).max(initial=0.0))
+        part = drawn_part(drawn, found.squares, found.square_variances, float(worst))
+        return Estimate(part, self._count_of(strata, pixels, drawn, found), found, drawn.stands_for)
+
+    def _count_of(
+        self, strata: Sequence[Stratum], pixels: np.ndarray, drawn: Draw, found: Deviations
+    ) -> float:
+        """How many pixels of all strata multiply anything."""
+        empty = [each.members for each in strata if each.is_empty]
+        is_empty = np.isin(pixels, np.concatenate([np.zeros(0, np.uint32), *empty]))
+        has_light = np.where(is_empty, found.has_light, 0.0)
+        self.count_variance += spread_of(drawn, has_light)
+        certain = sum(each.population for each in strata if not each.is_empty)
+        return certain + float((drawn.stands_for * has_light).sum())
 
     def _codes(self) -> np.ndarray:
         return scaling_codes(self.probed.image, self.probed.weights, self.is_binary)
@@ -214,49 +265,8 @@ class _Measuring:
         """The mean light: what rays find at some pixels, as a factor of what the layer's samples weighed if
         they did, whose mean is known."""
         if self.seed not in self.probed.found:
-            self.probed.found[self.seed] = yield from self._looked_for_scale()
+            self.probed.found[self.seed] = yield from scale_of(self.probed, self.truth, self.scale, self.seed)
         return self.probed.found[self.seed]
-
-    def _looked_for_scale(self) -> Generator[None, None, Scale]:
-        near, seed = np.ones(self.pixels, bool), int(hash_bits(self.seed, 1))
-        if self.probed.weights is not None:
-            weights = self.probed.weights.reshape(self.pixels, -1).mean(axis=1, dtype=np.float64)
-            known = weights > NOTHING * weights.max(initial=0.0)
-            weights[~known] = 0.0
-            near = nearby(known.reshape(self.probed.image.shape[:2])).reshape(-1)
-        generator = np.random.Generator(np.random.PCG64(self.seed))
-        order, light, looked = generator.permutation(np.flatnonzero(near)), np.zeros((0, SCALE_SETS, 3)), 0
-        # Where nothing is known of it, the light may fall on few pixels.
-        while (
-            looked < min(len(order), MOST_SCALE_PIXELS)
-            and np.count_nonzero(light.any(axis=(1, 2))) < SCALE_LIT
-        ):
-            part = order[looked : looked + max(SCALE_PIXELS, looked)]
-            own = int(hash_bits(seed, looked))
-            found = yield from seen(self.probed, self.truth, part, LIT_VIEWS, 0, own, SCALE_SETS)
-            found = np.nan_to_num(found.multiplied).reshape(len(part), SCALE_SETS, LIT_VIEWS, 3)
-            light = np.concatenate([light, found.mean(axis=2)])
-            looked += len(part)
-        brightness, shown = self.scale.of(light), self.scale.shown(light)
-        is_lit = brightness > 0.0
-        if not is_lit.any():
-            return self.scale.with_means(0.0, 0.0)
-        sets = [mean_brightness(each[lit]) for each, lit in zip(brightness.T, is_lit.T, strict=True)]
-        mean, shown_mean, share = float(np.mean(sets)), mean_brightness(shown[is_lit]), float(is_lit.mean())
-        # By which of their rays pixels were looked at, and by which pixels.
-        off = (np.minimum(brightness, BRIGHTEST * mean) - mean * is_lit) / (looked * share)
-        variance = float(((off[:, 0] - off[:, 1]) ** 2).sum()) / 4.0
-        own, left = brightness.mean(axis=1), 1.0 - looked / len(order)
-        if self.probed.weights is not None and (weighed := mean_brightness(weights[order[:looked]])) > 0.0:
-            # Samples may have missed what rays find in some pixels, but not on the whole.
-            ratio = mean_brightness(own) / weighed
-            variance += (
-                left * float(((own - ratio * weights[order[:looked]]) ** 2).sum()) / (looked * share) ** 2
-            )
-            mean = mean_brightness(weights[near]) * ratio / share
-        else:
-            variance += left * float((off.mean(axis=1) ** 2).sum())
-        return self.scale.with_means(mean, shown_mean, math.sqrt(variance) / mean)
 
     def _screened(self, strata: list[Stratum]) -> Generator[None, None, list[Survey]]:
         """Shares the screening out so that a bad pixel that is missed costs the same in every stratum, or

@@ -117,6 +117,31 @@ def test_the_error_is_at_the_target():
     assert max(truths) < 1.3 * target
 
 
+def test_what_was_watched_makes_the_reported_interval_narrow():
+    """With as many probes, which are others than those that decided; and it holds the error of all pixels."""
+    widths, held, measured = {True: [], False: []}, [], Measuring.errors
+
+    def errors(self, graph):
+        for layer in graph.layers:
+            probed, score = self._probed(layer), layer.kind.score
+            everything = finished(score.watch(probed, 8 * probed.image.size, 4, 123))
+            true = everything.rms(probed.image.reshape(-1, 1)[everything.pixels])
+            for seed in range(4):
+                for is_told in (True, False):
+                    asked = replace(probed, watched=probed.watched if is_told else None, found={})
+                    error = finished(score.measure(asked, 48, 50 + seed))
+                    widths[is_told].append(error.ci95[1] - error.ci95[0])
+                    held.extend([error.ci95[0] <= true <= error.ci95[1]] * is_told)
+        return (yield from measured(self, graph))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Measuring, "errors", errors)
+        bake(probes=1)
+    assert len(held) == 8
+    assert sum(held) >= 7
+    assert np.mean(widths[True]) < 0.8 * np.mean(widths[False])
+
+
 def test_what_more_samples_do_not_lower_is_told():
     coarse = {"soft_shadow": {"method": "area", "resolution": 128}}
     baked = bake(target_error=0.005, values=coarse, probes=512)

@@ -3,7 +3,7 @@
 import pytest
 from strata.addon.core.slices import finished
 from strata.addon.measure import budget
-from strata.addon.measure.budget import DEFAULT_PROBES, SHARE, allowed_seconds, within
+from strata.addon.measure.budget import DEFAULT_PROBES, SHARE, allowed_seconds, at_pace, within
 
 
 class Clock:
@@ -59,3 +59,15 @@ def test_some_probes_are_taken_whatever_they_cost(monkeypatch):
     clock.runs.clear()
     assert finished(within(clock.work, -3.0)) == (32, 32)
     assert clock.runs == [32]  # none to find out what more would take
+
+
+@pytest.mark.parametrize(
+    ("seconds", "each", "probes"),
+    [(1.0, 1e-3, 512), (1.0, 1e-6, DEFAULT_PROBES), (0.1, 1.0, 32), (-1.0, 1e-3, 32)],
+)
+def test_where_the_pace_is_known_there_are_no_pilots(monkeypatch, seconds, each, probes):
+    clock, told = Clock(monkeypatch, each), []
+    found = finished(at_pace(clock.work, seconds, 0.2, each, expect=told.append))
+    assert found == (probes, probes)
+    assert clock.runs == [probes]
+    assert told == [pytest.approx(0.2 + probes * each)]
