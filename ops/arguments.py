@@ -141,7 +141,7 @@ def build_parser(needs_scene: bool) -> Parser:
     """`needs_scene`: inside `blender -b SCENE.blend --command strata`, the scene is already open."""
     parser = Parser(prog="strata", description="Light and style effects, baked into layers with their error.")
     commands = parser.add_subparsers(
-        dest="command", required=True, metavar="bake|report|compare|effects|plan"
+        dest="command", required=True, metavar="bake|report|compare|effects|plan|stability"
     )
     scene, sampling = _scene_flags(needs_scene), _sampling_flags()
 
@@ -203,6 +203,12 @@ def build_parser(needs_scene: bool) -> Parser:
 
     effects = commands.add_parser("effects", help="what there is, with parameters and ranges")
     effects.add_argument("--json", action="store_true")
+
+    stability = commands.add_parser(
+        "stability", help="extreme inputs and how wrong the results are, where Strata's tests are"
+    )
+    stability.add_argument("--effects", type=names, metavar="a,b",
+                           help="print these, in place of writing docs/stability.md")  # fmt: skip
 
     plan = commands.add_parser(
         "plan", parents=[scene, sampling], help="what would run, what is left out and why"

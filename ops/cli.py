@@ -421,4 +421,17 @@ def _compare(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts)
     return compare(arguments, out)
 
 
-_COMMANDS = {"bake": _bake, "effects": _effects, "plan": _plan, "report": _report, "compare": _compare}
+def _stability(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
+    from .stability import stability
+
+    return stability(arguments, out, interrupts)
+
+
+_COMMANDS = {
+    "bake": _bake,
+    "effects": _effects,
+    "plan": _plan,
+    "report": _report,
+    "compare": _compare,
+    "stability": _stability,
+}

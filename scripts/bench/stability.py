@@ -1,11 +1,10 @@
-"""Writes docs/stability.md: every effect times every extreme input, measured on both devices.
-
-python -m strata.scripts.bench.stability; fails where a cell is beyond its bound.
-"""
+"""What `strata stability` writes into docs/stability.md: every effect times every extreme input, measured on
+both devices."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Sequence
 
 import bpy  # noqa: F401 (the gpu module comes with it)
 from strata.addon.core.errors import DeviceUnavailable
@@ -20,7 +19,7 @@ DOCUMENT = ROOT / "docs" / "stability.md"
 HEAD = """# Stability
 
 Extreme inputs and how wrong the result is; a clear refusal counts as right, a NaN never does. Cells
-beyond their bound are bold. Written by `python -m strata.scripts.bench.stability`.
+beyond their bound are bold. Written by `strata stability` in a checkout of the source.
 """
 
 
@@ -33,7 +32,7 @@ def devices() -> list:
     try:
         found.append(GpuDevice())
     except DeviceUnavailable as reason:
-        print(f"no GPU: {reason}")
+        print(f"no GPU: {reason}", file=sys.stderr)
     return found
 
 
@@ -46,20 +45,17 @@ def table(rows) -> list[str]:
     return lines
 
 
-def main() -> int:
-    """Measures, writes, and returns how many cells are beyond their bounds."""
-    lines, beyond = [HEAD], 0
+def measured(names: Sequence[str] = (), between: Callable[[], None] = lambda: None) -> tuple[str, int]:
+    """The page, or only the tables of these effects; and how many cells are beyond their bounds. Calls
+    `between` between two tables, which may raise."""
+    lines, beyond = [], 0
     started = devices()
-    for name in (*(effect.id for effect in EFFECTS), "shared"):
+    for name in names or (*(effect.id for effect in EFFECTS), "shared"):
+        between()
         rows = rows_of(name, started)
         beyond += sum(not error <= row.bound for row in rows for error in row.errors.values())
         lines += [f"## {TITLES.get(name, name)}", "", *table(rows), ""]
-    described = "; ".join(f"{device.name.upper()}: {device.description}" for device in started)
-    lines.insert(1, f"{described}.\n")
-    DOCUMENT.write_text("\n".join(lines), encoding="utf-8")
-    print(f"wrote {DOCUMENT}, {beyond} cells beyond their bounds")
-    return 1 if beyond else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    if not names:
+        described = "; ".join(f"{device.name.upper()}: {device.description}" for device in started)
+        lines[:0] = [HEAD, f"{described}.\n"]
+    return "\n".join(lines), beyond

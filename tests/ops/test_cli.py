@@ -18,6 +18,7 @@ from strata.addon.effects.registry import EFFECTS
 from strata.ops.arguments import build_parser, frames, names, read_outputs, setting, size
 from strata.ops.cli import main
 from strata.ops.terminal import Progress, time_left
+from strata.tests.effects.extremes import Row
 from strata.tests.support.exr_layers import read_layers
 from strata.tests.support.places import SAMPLES
 from strata.tests.support.procedural import card, clear_by, floor_scene, noise
@@ -123,6 +124,7 @@ def test_scripts_run_where_they_are_trusted(tmp_path):
         ("bake SCENE -o OUT/x.exr --view-layer Other", "no view layer 'Other'"),
         ("bake SCENE -o OUT/x.exr --camera Other", "no camera 'Other'"),
         ("plan OUT/none.blend", "cannot read"),
+        ("stability --effects fog", "no effect 'fog'"),
         ("plan SCENE --set soft_shadow.layers=99", "outside 1 to 8"),
     ],
 )
@@ -152,6 +154,25 @@ def test_no_output_goes_over_the_open_blend_or_another(tmp_path):
         arguments = build_parser(needs_scene=False).parse_args(["bake", *words.split()])
         with pytest.raises(StrataError, match="another file"):
             read_outputs(arguments, (1, 2) if "#" in words else (1,), blend)
+
+
+@pytest.mark.parametrize(("error", "code"), [(0.1, 0), (0.3, 1), (float("nan"), 1)])
+def test_stability_ends_with_1_where_a_cell_is_beyond_its_bound(error, code, capfd, monkeypatch):
+    rows = [Row("a lamp of no size", "closed form", {"cpu": error}, 0.2)]
+    monkeypatch.setattr("strata.scripts.bench.stability.rows_of", lambda effect, devices: rows)
+    monkeypatch.setattr("strata.scripts.bench.stability.devices", list)
+    assert main(["stability", "--effects", "toon"]) == code
+    out, err = capfd.readouterr()
+    assert "## toon" in out
+    assert "| a lamp of no size | 0.2 |" in out
+    assert err == ""
+
+
+def test_an_installed_extension_says_that_it_has_no_extremes(capfd, monkeypatch):
+    monkeypatch.setattr("strata.ops.stability.CHECKOUT", "bl_ext.user_default.strata")
+    assert main(["stability"]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "only a checkout of its source has" in line
 
 
 def test_help_is_on_stdout(capfd):
