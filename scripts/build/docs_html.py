@@ -23,6 +23,7 @@ DOCUMENTS = {
     "docs/performance.md": "performance.html",
     "docs/trace.md": "trace.html",
     "docs/stability.md": "stability.html",
+    "docs/analytic.md": "analytic.html",
     "docs/architecture.md": "architecture.html",
     "docs/new_effect.md": "new_effect.html",
     "CHANGELOG.md": "changes.html",
