@@ -87,7 +87,8 @@ class BakeJob:
         self._warnings = [*warnings, *outline.warnings, *arrays.warnings]
         made = [layer.name for layer in self.graph.layers if layer.effect]
         if options.samples_of and (unknown := [name for name in made if name not in options.samples_of]):
-            self._warnings.append(f"samples: nothing was chosen for {', '.join(unknown)}")
+            which = f"{', '.join(unknown)}: as many as any other has"
+            self._warnings.append(f"samples: nothing was chosen for {which}")
         if options.error_images and options.probes == 0:
             self._warnings.append("error images: there are none, as nothing is measured (probes: 0)")
         self._read_seconds = read_seconds

@@ -17,7 +17,7 @@ from ..addon.core.errors import Cancelled, StrataError, one_line
 from ..addon.core.naming import some_frames
 from ..addon.core.params import plain
 from ..addon.effects.registry import EFFECTS
-from ..addon.measure.target import samples_in
+from ..addon.measure.target import missed_in, samples_in, told_missed
 from .arguments import build_parser, exr_values, nested, read_outputs
 from .terminal import Interrupts, Progress, clean_stdout
 from .tracing import Tracing
@@ -204,8 +204,10 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
 
 
 def _sequences(arguments: argparse.Namespace, chosen, options_of, interrupts: Interrupts) -> dict:
-    """The layers that every file has, by view layer's name; none where each frame's own do."""
+    """The layers that every file has, by view layer's name; none where each frame's own do. And how many
+    samples they have, where that is chosen for all frames."""
     from ..addon.sequence import sequence_layers
+    from ..addon.sequence_samples import sequence_samples
 
     progress = Progress(sys.stderr, f"scene {chosen.scene.name}", getattr(arguments, "quiet", False))
 
@@ -218,10 +220,15 @@ def _sequences(arguments: argparse.Namespace, chosen, options_of, interrupts: In
 
     where = options_of, chosen.frames, _camera(chosen), arguments.size, show
     try:
-        return {
+        layers = {
             view_layer.name: sequence_layers(chosen.scene, view_layer, *where) or ()
             for view_layer in chosen.view_layers
         }
+        if arguments.command == "bake" and not arguments.chosen:
+            for view_layer in chosen.view_layers:
+                if found := sequence_samples(chosen.scene, view_layer, *where):
+                    arguments.chosen[view_layer.name] = found
+        return layers
     finally:
         progress.clear()
 
@@ -259,7 +266,7 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
             print(f"strata: {outside}", file=sys.stderr, flush=True)
         arguments.tracing.observer.stage("Looking through frames")
         sequences = _sequences(arguments, chosen, asked, interrupts)
-        failed = []
+        failed, arguments.missed = [], {}
         for frame in chosen.frames:
             try:
                 _bake_frame(arguments, chosen, frame, asked, sequences, out, interrupts)
@@ -270,6 +277,8 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
                     raise
                 print(f"strata: frame {frame}: {one_line(error)}", file=sys.stderr, flush=True)
                 failed.append(frame)
+    if (words := told_missed(arguments.missed)) and len(chosen.frames) > 1 and not arguments.quiet:
+        print(f"strata: {words}", file=sys.stderr, flush=True)
     if failed:
         raise StrataError(f"{len(failed)} of {len(chosen.frames)} frames failed: {some_frames(failed)}")
     return OK
@@ -372,6 +381,8 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
         reason = nothing_to_bake(job.graph, sequence)  # a closer look may leave out what boxes could not
     interrupts.check()
     if reason is None:
+        missed = arguments.missed.setdefault(frame, [])
+        missed += [name for name in missed_in(baked.layers.report) if name not in missed]
         if len(chosen.frames) > 1 and (found := samples_in(baked.layers.report)):
             arguments.chosen.setdefault(view_layer.name, found)
         return baked
