@@ -239,4 +239,12 @@ class Sweep:
             return None
         in_colour = {layer.name for layer in job.graph.layers if len(layer.channels) > 1}
         luminance = np.array(luminance_of(outline.working_space))
-        return Case(kept, request, lamps, frozenset(in_colour), luminance, self.ledger.kept)
+        return Case(
+            kept,
+            request,
+            lamps,
+            frozenset(in_colour),
+            luminance,
+            self.ledger.kept,
+            lambda setting: self._job(setting, setting.samples, 0),
+        )

@@ -1,4 +1,4 @@
-"""Renders each lamp's light by itself: `eevee_light.py REQUEST.json`, written by rivals/eevee.py. A program of
+"""Renders each lamp by itself: `eevee_light.py REQUEST.json`, written by rivals/eevee.py. A program of
 its own, run by a Blender of its own as the audit's is, which it takes its ways with a scene from. Writes one
 OpenEXR file a render and lamp, `<number>_<group>.exr`, not compressed, and `costs.json`."""
 

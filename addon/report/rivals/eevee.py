@@ -49,22 +49,24 @@ class Eevee:
         ]
         folder = Path(case.scene.folder.name)
         groups = {lamp: f"g{number}" for number, lamp in enumerate(dict.fromkeys(case.lamps.values()))}
-        made = [[folder / f"{number}_{each}.exr" for each in groups.values()] for number in range(len(renders))]
-        costs = folder / "costs.json"
-        for path in (costs, *sum(made, [])):
+        numbers = [str(number) for number in range(len(renders))]
+        made = {
+            (number, lamp): folder / f"{number}_{group}.exr"
+            for number in numbers
+            for lamp, group in groups.items()
+        }
+        files = [*made.values(), folder / "costs.json"]
+        for path in files:
             path.unlink(missing_ok=True)
         request = {**case.request, "audit": str(AUDIT), "lamp_light": str(LAMP_LIGHT), "groups": groups}
-        run_program(
-            case.scene, PROGRAM, {**request, "renders": renders, "samples": 1}, [*sum(made, []), costs], look=look
-        )
-        cost = Cost(**json.loads(costs.read_text(encoding="utf-8"))[1])
+        request |= {"renders": renders, "samples": 1}
+        run_program(case.scene, PROGRAM, request, files, look=look)
+        cost = Cost(**json.loads(files[-1].read_text(encoding="utf-8"))[1])
         if not wants_images:
             return Found(cost)
-        images, numbers = {}, list(groups)
+        images = {}
         for layer, lamp in case.lamps.items():
-            shadowed, bare = (
-                _combined(made[number][numbers.index(lamp)], request["view_layer"]) for number in (1, 2)
-            )
+            shadowed, bare = (_combined(made[each, lamp], request["view_layer"]) for each in numbers[1:])
             share = factor(shadowed, bare, case.luminance, layer in case.in_colour)
             images[layer] = {"over its own": share}
         return Found(cost, images)
