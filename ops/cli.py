@@ -172,7 +172,7 @@ def _camera(chosen):
 def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
     from ..addon.planning import Options
     from ..addon.ui.properties import options_of
-    from .planning import described_plan, plan_lines, read_plan
+    from .planning import described_plan, plan_lines, read_plan, uncounted
 
     given = {"effects": arguments.effects, "values": nested(arguments.set)}
     Options(**given).chosen()  # wrong words are found before a large file is opened
@@ -190,7 +190,8 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
             for view_layer in chosen.view_layers:
                 interrupts.check()
                 read = read_plan(chosen.scene, view_layer, asked, frame, camera, arguments.size)
-                plans.append(described_plan(*read, sequences[view_layer.name], warnings))
+                idle = uncounted(read[1], given["values"])
+                plans.append(described_plan(*read, sequences[view_layer.name], [*warnings, *idle]))
     several = arguments.frames or len(plans) > 1
     if arguments.json:
         print(json.dumps(plans if several else plans[0], indent=1, ensure_ascii=False), file=out)
@@ -266,7 +267,7 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
             print(f"strata: {outside}", file=sys.stderr, flush=True)
         arguments.tracing.observer.stage("Looking through frames")
         sequences = _sequences(arguments, chosen, asked, interrupts)
-        failed, arguments.missed = [], {}
+        failed, arguments.missed, arguments.idle = [], {}, set()
         for frame in chosen.frames:
             try:
                 _bake_frame(arguments, chosen, frame, asked, sequences, out, interrupts)
@@ -340,7 +341,7 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
     from ..addon.bake import read_job
     from ..addon.job import run_to_end
     from .auditing import held_against_cycles
-    from .planning import nothing_to_bake, room_warning
+    from .planning import nothing_to_bake, room_warning, uncounted
 
     # What the first frame chose holds for all, or their noise would flicker.
     known = arguments.chosen.get(view_layer.name) or arguments.chosen.get("")
@@ -359,6 +360,10 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
     finally:
         progress.clear()
     baked, reason = None, nothing_to_bake(job.graph, sequence)
+    for line in uncounted(job.graph, nested(arguments.set)):
+        if line not in arguments.idle and not arguments.quiet:
+            print(f"strata: {line}", file=sys.stderr, flush=True)
+        arguments.idle.add(line)
     if reason is None:
         path = arguments.output.path(frame)
         if (warning := room_warning(path, job, arguments.exr)) and not arguments.quiet:

@@ -151,7 +151,7 @@ class Sweep:
             for effect, own in (setting.nested() if setting else {}).items():
                 values[effect] = values.get(effect, {}) | own
             plain = {"target_error": 0.0, "time_budget_s": 0.0, "error_images": False, "composite": False}
-            plain["heeds_own_targets"] = False
+            plain["own_targets"] = {}
             return replace(options, samples=samples, probes=probes, values=values, **plain)
 
         return read_job(asked.scene, asked.view_layer, options_of, asked.frame, asked.camera, asked.size)

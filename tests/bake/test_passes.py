@@ -243,7 +243,7 @@ def test_a_lamp_has_a_target_of_its_own():
     assert own.samples > other.samples == 7
     again = bake(target_error=0.0, samples_of=samples_of(baked))
     assert all(np.array_equal(*pair) for pair in zip(pixels_of(baked), pixels_of(again), strict=True))
-    few = bake(scene, target_error=0.0, samples=3, heeds_own_targets=False)
+    few = bake(scene, target_error=0.0, samples=3, own_targets={})
     assert set(samples_of(few).values()) == {3}
 
 

@@ -313,6 +313,25 @@ def test_frames_each_have_their_file(tmp_path):
     assert [read_layers(tmp_path / f"f_0{n}.exr").report["frame"] for n in (1, 3)] == [1, 3]
 
 
+def test_what_is_set_and_changes_nothing_is_told_in_a_line(tmp_path):
+    words = (
+        "--size",
+        "32x18",
+        "--backend",
+        "cpu",
+        "--effects",
+        "soft_shadow",
+        "--set",
+        "soft_shadow.layers=5",
+    )
+    out = (SAMPLES / "animated.blend", "-o", tmp_path / "f_#.exr", "--samples", "1", "--probes", "0")
+    told = "--set soft_shadow.layers changes nothing: it counts where method is area or bitmask or hybrid"
+    result = strata("bake", *out, "--frames", "1,2", *words)
+    assert result.stderr.count(f"strata: {told}") == 1
+    assert told not in strata("bake", *out, *words, "--set", "soft_shadow.method=bitmask").stderr
+    assert told in strata("plan", SAMPLES / "animated.blend", *words[:2], *words[4:]).stdout
+
+
 def test_frames_have_the_same_samples_and_so_may_others(tmp_path):
     """Or their noise would flicker; what was chosen is taken again from a file or a report."""
     words = ("--quiet", "--size", "96x54", "--backend", "cpu", "--effects", "soft_shadow", "--probes", "0")
