@@ -10,14 +10,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
-from ..addon.core.effect import Effect
 from ..addon.core.errors import Cancelled, StrataError, one_line
 from ..addon.core.naming import some_frames
-from ..addon.core.params import plain
-from ..addon.effects.registry import EFFECTS
-from ..addon.measure.target import missed_in, samples_in, told_missed
+from ..addon.measure.target import samples_in
 from .arguments import build_parser, exr_values, nested, read_outputs
 from .terminal import Interrupts, Progress, clean_stdout
 from .tracing import Tracing
@@ -55,64 +52,6 @@ def _parse(words: Sequence[str] | None, in_blender: bool, out: TextIO) -> argpar
         return None
     finally:
         sys.stdout = stdout
-
-
-# strata effects
-
-
-def _effects(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
-    if arguments.json:
-        print(json.dumps([describe(effect) for effect in EFFECTS], indent=1), file=out)
-        return OK
-    for effect in EFFECTS:
-        default = "on" if effect.on_by_default else "off"
-        print(f"{effect.id} ({default} by default): {effect.doc}", file=out)
-        for spec in effect.params.specs():
-            print(f"  {effect.id}.{spec.name} = {plain(spec.default)}  {_accepts(spec)}", file=out)
-            used_when = spec.used_when.words()
-            print(f"      {spec.doc}{f'. Counts where {used_when}' if used_when else ''}", file=out)
-    return OK
-
-
-def describe(effect: Effect) -> dict[str, Any]:
-    """An effect's declaration as plain values."""
-    layers = [
-        {
-            "title": kind.title,
-            "channels": kind.channels,
-            "of": kind.of.value,
-            "role": kind.role.value,
-            "metric": kind.score.metric if kind.score else None,
-            "reduce": kind.reduce.value,
-            "doc": kind.doc,
-        }
-        for kind in effect.layers
-    ]
-    params = [
-        {
-            "name": spec.name,
-            "type": "choice" if spec.choices else spec.kind.__name__,
-            "default": plain(spec.default),
-            "choices": list(spec.choices),
-            "hard": spec.hard,
-            "soft": spec.soft,
-            "unit": spec.unit,
-            "trades_time": spec.trades_time,
-            "used_when": spec.used_when.words(),
-            "doc": spec.doc,
-        }
-        for spec in effect.params.specs()
-    ]
-    declared = {"id": effect.id, "title": effect.title, "doc": effect.doc, "source": effect.source}
-    declared["on_by_default"] = effect.on_by_default
-    return {**declared, "layers": layers, "params": params}
-
-
-def _accepts(spec) -> str:
-    if spec.choices:
-        return "one of " + ", ".join(spec.choices)
-    words = [f"{spec.hard[0]:g} to {spec.hard[1]:g}"] if spec.hard else []
-    return f"({' '.join([*words, spec.unit]).strip() or spec.kind.__name__})"
 
 
 # Commands that open a scene
@@ -172,7 +111,7 @@ def _camera(chosen):
 def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
     from ..addon.planning import Options
     from ..addon.ui.properties import options_of
-    from .planning import described_plan, plan_lines, read_plan, uncounted
+    from .planning import described_plan, plan_lines, read_plan
 
     given = {"effects": arguments.effects, "values": nested(arguments.set)}
     Options(**given).chosen()  # wrong words are found before a large file is opened
@@ -190,8 +129,7 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
             for view_layer in chosen.view_layers:
                 interrupts.check()
                 read = read_plan(chosen.scene, view_layer, asked, frame, camera, arguments.size)
-                idle = uncounted(read[1], given["values"])
-                plans.append(described_plan(*read, sequences[view_layer.name], [*warnings, *idle]))
+                plans.append(described_plan(*read, sequences[view_layer.name], warnings))
     several = arguments.frames or len(plans) > 1
     if arguments.json:
         print(json.dumps(plans if several else plans[0], indent=1, ensure_ascii=False), file=out)
@@ -205,10 +143,8 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
 
 
 def _sequences(arguments: argparse.Namespace, chosen, options_of, interrupts: Interrupts) -> dict:
-    """The layers that every file has, by view layer's name; none where each frame's own do. And how many
-    samples they have, where that is chosen for all frames."""
+    """The layers that every file has, by view layer's name; none where each frame's own do."""
     from ..addon.sequence import sequence_layers
-    from ..addon.sequence_samples import sequence_samples
 
     progress = Progress(sys.stderr, f"scene {chosen.scene.name}", getattr(arguments, "quiet", False))
 
@@ -221,15 +157,10 @@ def _sequences(arguments: argparse.Namespace, chosen, options_of, interrupts: In
 
     where = options_of, chosen.frames, _camera(chosen), arguments.size, show
     try:
-        layers = {
+        return {
             view_layer.name: sequence_layers(chosen.scene, view_layer, *where) or ()
             for view_layer in chosen.view_layers
         }
-        if arguments.command == "bake" and not arguments.chosen:
-            for view_layer in chosen.view_layers:
-                if found := sequence_samples(chosen.scene, view_layer, *where):
-                    arguments.chosen[view_layer.name] = found
-        return layers
     finally:
         progress.clear()
 
@@ -267,7 +198,7 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
             print(f"strata: {outside}", file=sys.stderr, flush=True)
         arguments.tracing.observer.stage("Looking through frames")
         sequences = _sequences(arguments, chosen, asked, interrupts)
-        failed, arguments.missed, arguments.idle = [], {}, set()
+        failed = []
         for frame in chosen.frames:
             try:
                 _bake_frame(arguments, chosen, frame, asked, sequences, out, interrupts)
@@ -278,8 +209,6 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
                     raise
                 print(f"strata: frame {frame}: {one_line(error)}", file=sys.stderr, flush=True)
                 failed.append(frame)
-    if (words := told_missed(arguments.missed)) and len(chosen.frames) > 1 and not arguments.quiet:
-        print(f"strata: {words}", file=sys.stderr, flush=True)
     if failed:
         raise StrataError(f"{len(failed)} of {len(chosen.frames)} frames failed: {some_frames(failed)}")
     return OK
@@ -341,7 +270,7 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
     from ..addon.bake import read_job
     from ..addon.job import run_to_end
     from .auditing import held_against_cycles
-    from .planning import nothing_to_bake, room_warning, uncounted
+    from .planning import nothing_to_bake, room_warning
 
     # What the first frame chose holds for all, or their noise would flicker.
     known = arguments.chosen.get(view_layer.name) or arguments.chosen.get("")
@@ -360,10 +289,6 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
     finally:
         progress.clear()
     baked, reason = None, nothing_to_bake(job.graph, sequence)
-    for line in uncounted(job.graph, nested(arguments.set)):
-        if line not in arguments.idle and not arguments.quiet:
-            print(f"strata: {line}", file=sys.stderr, flush=True)
-        arguments.idle.add(line)
     if reason is None:
         path = arguments.output.path(frame)
         if (warning := room_warning(path, job, arguments.exr)) and not arguments.quiet:
@@ -386,8 +311,6 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
         reason = nothing_to_bake(job.graph, sequence)  # a closer look may leave out what boxes could not
     interrupts.check()
     if reason is None:
-        missed = arguments.missed.setdefault(frame, [])
-        missed += [name for name in missed_in(baked.layers.report) if name not in missed]
         if len(chosen.frames) > 1 and (found := samples_in(baked.layers.report)):
             arguments.chosen.setdefault(view_layer.name, found)
         return baked
@@ -435,6 +358,13 @@ def _compare(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts)
     from .compare import compare
 
     return compare(arguments, out)
+
+
+def _effects(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
+    from .effects import effects
+
+    effects(arguments, out)
+    return OK
 
 
 def _stability(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
