@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any, TextIO
 
 from ..addon.core.observer import NOBODY, Observer
@@ -28,16 +29,22 @@ class Tracing:
         along."""
         if self._target is None:
             return
-        trace = self.observer
-        trace.end()
-        told = trace.to_json(strata=VERSION, frame=frame)
-        self.observer, path = Trace(), self._target.path(frame)
-        with replaced(path) as stream:
-            stream.write(json.dumps(told, ensure_ascii=False, allow_nan=False).encode())
+        trace, path = self.observer, self._target.path(frame)
+        self.observer = Trace()
+        lines = written(trace, path, frame=frame)
         if out:
-            for line in ["", *table(told["otherData"]), f"wrote {path}"]:
+            for line in ["", *lines, f"wrote {path}"]:
                 print(line, file=out)
             out.flush()
+
+
+def written(trace: Trace, path: str | Path, **more: Any) -> list[str]:
+    """Ends it and writes it; its table. Raises StrataError where the disk does not play along."""
+    trace.end()
+    told = trace.to_json(strata=VERSION, **more)
+    with replaced(path) as stream:
+        stream.write(json.dumps(told, ensure_ascii=False, allow_nan=False).encode())
+    return [*table(told["otherData"]), *frames_table(told["otherData"])]
 
 
 def table(told: dict[str, Any]) -> list[str]:
@@ -82,3 +89,17 @@ def table(told: dict[str, Any]) -> list[str]:
         "bound by",
     ]
     return [f"trace    {machine}", "", *columns(titles, rows)]
+
+
+def frames_table(told: dict[str, Any]) -> list[str]:
+    """Lines about a preview's frames; none of a bake."""
+    if "frames" not in told:
+        return []
+    frames = told["frames"]
+    longer = ", ".join(f"{count} took longer than {budget}" for budget, count in frames["longer"].items())
+    lines = ["", f"frames   {frames['count']}, {frames['median_ms']:.1f} ms each (median); {longer}"]
+    if frames["late"]:
+        rows = [(row["what"], str(row["frames"]), f"{row['ms']:.1f}", row["bound"]) for row in frames["why"]]
+        lines += ["", f"{frames['late']} missed their own budget; what took most of them", ""]
+        lines += columns(["step", "frames", "ms each", "bound by"], rows)
+    return lines

@@ -28,6 +28,9 @@ class Observer:
     def stage(self, name: str) -> None:
         """What follows belongs to it, until the next."""
 
+    def tell(self, **args: Any) -> None:
+        """Of the stage under way."""
+
     def node(
         self, node: Node, device: Device, where: str, inputs: Sequence[Any] = (), chunk: Chunk | None = None
     ) -> Span:

@@ -6,10 +6,12 @@ The file is JSON in the trace event format that chrome://tracing and Perfetto re
 from __future__ import annotations
 
 import os
+import statistics
 import threading
 import time
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,11 @@ ONE_CORE, FREE_SHARE = 1.25, 0.75
 leave it."""
 
 STAGES = "stages"
+
+BUDGETS_MS = 33.0, 16.6, 11.1  # 30, 60 and 90 frames a second
+BUDGET = "budget_ms"
+"""What a stage is told that is to take no longer."""
+PYTHON = "between nodes"
 
 
 @dataclass(frozen=True)
@@ -130,12 +137,16 @@ class Trace(Observer):
         self.events: list[Event] = []
         self._began = self._ended = time.perf_counter()
         self._before = time.process_time(), _all_cores_s()
-        self._stage: tuple[str, _Clock] | None = None
+        self._stage: tuple[str, _Clock, dict[str, Any]] | None = None
 
     def stage(self, name: str) -> None:
-        self._stage = name, self._end_stage()
+        self._stage = name, self._end_stage(), {}
         if not self.events:
             self._began = self._stage[1].started
+
+    def tell(self, **args: Any) -> None:
+        if self._stage is not None:
+            self._stage[2].update(args)
 
     def end(self) -> None:
         """Of the last stage."""
@@ -146,8 +157,8 @@ class Trace(Observer):
         """The moment at which the next begins: there is nothing between two."""
         now = _Clock()
         if self._stage is not None:
-            name, began = self._stage
-            self.events.append(Event(name, STAGES, began.started, began.until(now)))
+            name, began, args = self._stage
+            self.events.append(Event(name, STAGES, began.started, began.until(now), args))
         return now
 
     def node(
@@ -172,7 +183,7 @@ class Trace(Observer):
             count, work = sums.setdefault((event.name, event.track), (0, Work()))
             work.add(event.work)
             sums[event.name, event.track] = count + 1, work
-        for outer, inner in self._nested():
+        for outer, inner in self.nested():
             sums[outer.name, outer.track][1].add(inner.work, -1)
         rows = [(*key, *each) for key, each in sums.items()]
         return sorted(rows, key=lambda row: -row[3].seconds)
@@ -186,7 +197,7 @@ class Trace(Observer):
             others = max(now_s - all_s - (time.process_time() - cpu_s), 0.0) / max(passed, 1e-9)
         return Machine(copy_bandwidth(COPIED_BYTES, COPIES), os.process_cpu_count() or 1, others)
 
-    def _nested(self) -> list[tuple[Event, Event]]:
+    def nested(self) -> list[tuple[Event, Event]]:
         """Each event that lies in another, behind the innermost one that it lies in. One thing is done at a
         time, so tracks do not matter."""
         pairs, around = [], []
@@ -228,7 +239,42 @@ class Trace(Observer):
         ]
         other = {"seconds": self.seconds, "cores": machine.cores, "others_cores": machine.others_cores}
         other |= {"copied_bytes_per_s": machine.bandwidth, **told, "summary": summary}
+        if frames := frames_of(self, machine):
+            other["frames"] = frames
         return {"traceEvents": names + events, "displayTimeUnit": "ms", "otherData": other}
+
+
+def frames_of(trace: Trace, machine: Machine) -> dict[str, Any]:
+    """Of stages that were told a budget (a preview's frames): how many, how many took longer than each of
+    BUDGETS_MS, and of those that missed their own, by what took most of them: how many, and its milliseconds
+    on the mean. Empty where there were none."""
+    frames = [event for event in trace.events if BUDGET in event.args]
+    if not frames:
+        return {}
+    parts = {id(frame): {PYTHON: replace(frame.work)} for frame in frames}
+    for outer, inner in trace.nested():
+        if (own := parts.get(id(outer))) is not None:
+            own.setdefault(inner.name, Work()).add(inner.work)
+            own[PYTHON].add(inner.work, -1)
+    ms = [1e3 * frame.work.seconds for frame in frames]
+    late = [frame for frame, each in zip(frames, ms, strict=True) if each > frame.args[BUDGET]]
+    why: dict[str, Work] = {}
+    counts: Counter[str] = Counter()
+    for frame in late:
+        name, work = max(parts[id(frame)].items(), key=lambda part: part[1].seconds)
+        why.setdefault(name, Work()).add(work)
+        counts[name] += 1
+    return {
+        "count": len(frames),
+        "median_ms": statistics.median(ms),
+        "longer": {f"{budget:g} ms": sum(each > budget for each in ms) for budget in BUDGETS_MS},
+        "late": len(late),
+        "why": [
+            {"what": name, "frames": count, "ms": 1e3 * why[name].seconds / count, "bound": bound}
+            for name, count in counts.most_common()
+            for bound in [why[name].bound(machine)]
+        ],
+    }
 
 
 def _all_cores_s() -> float | None:

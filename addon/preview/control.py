@@ -10,6 +10,7 @@ from bpy.app.handlers import persistent
 
 from ..core.errors import StrataError, one_line, told_once
 from ..core.naming import ENGINE_ID
+from ..core.observer import NOBODY, Observer
 from ..planning import Options
 from ..scene.viewport import hides_objects, placement_of
 from ..ui.preview_settings import frame_budget_ms_of
@@ -20,6 +21,7 @@ from .session import Session
 from .viewport import Statistics, Viewport
 
 IDLE_SECONDS = 0.05
+REDRAW, REFINING, BLENDER = "Redraw", "Refining", "Blender"  # stages, where somebody observes
 
 
 class _State:
@@ -35,6 +37,7 @@ class _State:
         self.handles: list[Any] = []
         self.edits = 0  # counts what Blender tells of
         self.is_running = False
+        self.observer: Observer = NOBODY
 
 
 _state = _State()
@@ -105,6 +108,13 @@ def state_of(region: bpy.types.Region) -> Statistics | None:
     return viewport.statistics if viewport else None
 
 
+def observe(observer: Observer) -> None:
+    """From now on it is told of all that is drawn and refined, of whatever scene; NOBODY ends that."""
+    _state.observer = observer
+    for session in _state.sessions.values():
+        session.executor.observer = observer
+
+
 def preview_options(scene: bpy.types.Scene) -> Options:
     """The bake's, without measuring, and with the preview's own samples where it has any."""
     return options_of(
@@ -146,12 +156,15 @@ def draw(
         return
     if viewport.failed_at is not None:
         viewport.failed_at, viewport.statistics = None, Statistics()
+    _state.observer.stage(REDRAW)
     try:
         picture = _picture(context, region, space, region_3d, viewport)
         if picture is not None:
             _state.textures.draw(context.scene, region, picture, is_overlay)
     except BaseException as error:  # a panic of the kernels is no Exception
         _failed(region.as_pointer(), error, asked)
+    finally:
+        _state.observer.stage(BLENDER)
 
 
 def failure() -> str:
@@ -181,11 +194,15 @@ def _picture(context, region, space, region_3d, viewport: Viewport):
     key = (scene.session_uid, context.view_layer.name, _own(space), options.backend)
     if key not in _state.sessions:
         _state.sessions[key] = Session(options.backend)
+        _state.sessions[key].executor.observer = _state.observer
     session = _state.shown[region.as_pointer()] = _state.sessions[key]
     session.read(depsgraph, space, placement, options.seed, options.read)
     budget_ms = frame_budget_ms_of(scene)
     is_new = viewport.show(session, placement, options, settings.layer, budget_ms, settings.longest_s)
-    if not is_new and _works_in_draw(session) and viewport.has_work and viewport.wait() == 0.0:
+    if is_new:
+        frame = viewport.statistics
+        _state.observer.tell(budget_ms=budget_ms, scale=frame.scale, map_share=frame.map_share)
+    elif _works_in_draw(session) and viewport.has_work and viewport.wait() == 0.0:
         _advance(scene, region.as_pointer())
     return viewport.shown(settings.shows_noise)
 
@@ -197,6 +214,7 @@ def _works_in_draw(session: Session) -> bool:
 def _advance(scene: bpy.types.Scene, pointer: int) -> bool:
     """Refines one region for a slice of the budget; whether it has a new picture."""
     budget_ms = frame_budget_ms_of(scene)
+    _state.observer.stage(REFINING)
     return _state.viewports[pointer].advance(1e-3 * budget_ms, _state.shown[pointer].version, budget_ms)
 
 
@@ -386,4 +404,5 @@ def _refine(scene: bpy.types.Scene, region: bpy.types.Region) -> float:
     # Blender draws.
     if _works_in_draw(_state.shown[pointer]) or _advance(scene, pointer):
         region.tag_redraw()
+    _state.observer.stage(BLENDER)
     return 0.0 if viewport.has_work else IDLE_SECONDS

@@ -1,8 +1,8 @@
 """Measures the preview in a real Blender window and writes what it finds into docs/performance.md.
 
-BLENDER=/path/to/blender python -m strata.scripts.bench.preview [--eevee] [--no-window]
+BLENDER=/path/to/blender python -m strata.scripts.bench.preview [--eevee] [--no-window] [--trace TRACE.json]
 
-Needs Xvfb where there is no screen.
+With --trace it only traces how lights are dragged (docs/trace.md). Needs Xvfb where there is no screen.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from strata.addon.devices.gpu_meshes import GpuMeshes
 from strata.addon.planning import Options, plan_scene
 from strata.addon.scene.open import choose, open_blend
 from strata.addon.scene.scan import ScanOptions, scan
+from strata.ops.tracing import frames_table
 from strata.scripts.bench.document import ROOT, milliseconds, significant, table, times, write_block
 from strata.scripts.bench.real_gpu import work_of
 
@@ -35,8 +36,8 @@ SIZE = (1000, 640)
 REPEATS = 7
 
 
-def in_window(blender: str, *words: str) -> dict:
-    """What preview_window.py found."""
+def in_window(blender: str, *words: str, trace: Path | None = None) -> dict:
+    """What preview_window.py found; a copy of its trace."""
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "result.json"
         # Blender has a Python of its own, which knows nothing of ours.
@@ -50,6 +51,8 @@ def in_window(blender: str, *words: str) -> dict:
             command = ["xvfb-run", "-a", "-s", f"-screen 0 {SIZE[0]}x{SIZE[1]}x24 +extension GLX", *command]
         subprocess.run(command, check=True, timeout=1200, stdout=subprocess.DEVNULL)
         found = json.loads(result.read_text())
+        if trace and (made := result.with_name("trace.json")).exists():
+            shutil.copy(made, trace)
     if "failure" in found:
         raise SystemExit(found["failure"])
     return found
@@ -209,7 +212,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--eevee", action="store_true", help="also measure EEVEE's viewport: minutes")
     parser.add_argument("--no-window", action="store_true", help="only what needs no window")
+    parser.add_argument("--trace", type=Path, metavar="TRACE.json", help="trace drags, and nothing else")
     arguments = parser.parse_args()
+    if arguments.trace:
+        in_window(os.environ["BLENDER"], "trace", trace=arguments.trace)
+        print("\n".join(frames_table(json.loads(arguments.trace.read_text())["otherData"])))
+        return
     if not arguments.no_window:
         blender = os.environ["BLENDER"]
         found = in_window(blender)

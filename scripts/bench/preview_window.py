@@ -1,7 +1,7 @@
 """Inside a Blender with a window: how fast the preview follows a light, and how fast EEVEE does.
 
 `blender --window-geometry 0 0 1000 640 --python scripts/in_blender.py -- \
-  strata.scripts.bench.preview_window SCENE.blend RESULT.json [eevee]`
+  strata.scripts.bench.preview_window SCENE.blend RESULT.json [eevee|trace]`
 """
 
 import json
@@ -102,6 +102,9 @@ def person(found):
         return
     preview = imported()
     scene = bpy.context.scene
+    if "trace" in MORE:
+        yield from trace(preview, scene, space, region)
+        return
     for _ in range(2):  # the first ones still smooth edges
         DRAWN.clear()
         while len(DRAWN) < FRAMES:
@@ -179,6 +182,21 @@ def person(found):
             "scale": state.scale,
             "still": (yield from settled(preview, region)),
         }
+
+
+def trace(preview, scene, space, region):
+    """Of drags, beside the result."""
+    scene.render.engine, space.shading.type = "STRATA", "RENDERED"
+    yield 1.0
+    yield from settled(preview, region)
+    for name in LIGHTS:  # warm, and at their scales
+        yield from drag(name, FRAMES // 2)
+        yield 2.0
+    bpy.ops.strata.trace_preview()
+    for name in LIGHTS:
+        yield from drag(name, FRAMES)
+        yield 2.0
+    bpy.ops.strata.trace_preview(filepath=str(Path(RESULT).with_name("trace.json")))
 
 
 def eevee(found, space, region):

@@ -13,8 +13,9 @@ from strata.addon.core.graph import Node, Step
 from strata.addon.core.observer import NOBODY
 from strata.addon.core.sampling import Sampling
 from strata.addon.devices.cpu import CpuDevice
-from strata.addon.measure.trace import Machine, Trace, Work
+from strata.addon.measure.trace import Event, Machine, Trace, Work, frames_of
 from strata.addon.planning import Options, plan_scene
+from strata.ops.tracing import frames_table
 from strata.tests.measure.scenes import random_scene, shot_of
 from strata.tests.support.executing import SIZE, depth_graph, drain, tilted_quad_scene
 
@@ -121,6 +122,32 @@ def test_where_others_have_the_cores_one_is_all_there_is():
     busy = Machine(1e9, 4, others_cores=3.0)
     assert Work(1.0, 1.0, 0.0).bound(MACHINE) == "one core"
     assert Work(1.0, 1.0, 0.0).bound(busy) == "operations"
+
+
+def test_frames_that_missed_their_budget_say_what_took_most_of_them():
+    """Four frames of 10, 20, 40 and 40 ms for a budget of 16.6, and a stage that had none."""
+    trace, began = Trace(), 0.0
+    for frame_ms, step_ms, maps_ms in ((10, 9, 0), (20, 15, 4), (40, 10, 25), (40, 5, 5), (100, 0, 0)):
+        args = {} if frame_ms == 100 else {"budget_ms": 16.6}
+        trace.events.append(Event("Redraw", "stages", began, Work(1e-3 * frame_ms, 1e-3 * frame_ms), args))
+        at = began
+        for name, ms in (("surface", step_ms), ("maps", maps_ms)):
+            trace.events.append(Event(name, "cpu", at, Work(1e-3 * ms, 3e-3 * ms)))
+            at += 1e-3 * ms
+        began += 1e-3 * frame_ms
+    told = frames_of(trace, MACHINE)
+    assert (told["count"], told["late"]) == (4, 3)
+    assert told["median_ms"] == pytest.approx(30.0)
+    assert told["longer"] == {"33 ms": 2, "16.6 ms": 3, "11.1 ms": 3}
+    why = {row["what"]: (row["frames"], round(row["ms"], 6), row["bound"]) for row in told["why"]}
+    assert why == {
+        "surface": (1, 15.0, "operations"),
+        "maps": (1, 25.0, "operations"),
+        "between nodes": (1, 30.0, "waiting"),
+    }
+    assert "3 missed their own budget" in "\n".join(frames_table({"frames": told}))
+    assert frames_of(Trace(), MACHINE) == {}
+    assert frames_table({}) == []
 
 
 def test_python_is_told_from_kernels_by_whose_time_it_is():

@@ -4,6 +4,7 @@
 RESULT.json PICTURES`
 """
 
+import json
 import sys
 import time
 from pathlib import Path
@@ -189,8 +190,19 @@ def person(found):
     def move_light():
         light.location.x += 0.05
 
+    bpy.ops.strata.trace_preview()
     found["light"] = yield from edited(preview, region, move_light)
     yield from settled(preview, region)
+    trace = Path(PICTURES) / "trace.json"
+    bpy.ops.strata.trace_preview(filepath=str(trace))
+    told = json.loads(trace.read_text())
+    found["traced frames"] = told["otherData"]["frames"]["count"]
+    found["traced stages"] = sorted(
+        {each["name"] for each in told["traceEvents"] if each.get("cat") == "stage"}
+    )
+    found["traced steps"] = sorted(
+        {each["name"] for each in told["traceEvents"] if each.get("cat") == "node"}
+    )
 
     def move_camera():
         scene.camera.location.x += 0.05

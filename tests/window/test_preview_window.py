@@ -43,6 +43,9 @@ def check_preview(gpu_backend, backend, source, screen, tmp_path):
     lit = {"soft_shadow/backproject": 1, "soft_shadow/visibility": 1, "composite": 1}
     assert found["idle"] == {}
     assert found["light"] == {**maps, **lit, "soft_shadow/raised": 1, "irradiance": 1}
+    assert found["traced frames"] == 1
+    assert found["traced stages"] == ["Blender", "Redraw", "Refining"]
+    assert found["light"].keys() <= set(found["traced steps"])
     assert maps.keys().isdisjoint(found["camera"])
     assert found["camera"]["surface"] == 1
     assert found["slider"] == lit
