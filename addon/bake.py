@@ -68,7 +68,7 @@ class BakeJob:
         warnings: Sequence[str] = (),
         observer: Observer = NOBODY,
     ):
-        self.outline, self.observer = outline, observer
+        self.outline, self.arrays, self.observer = outline, arrays, observer
         self.stage = "Starting"
         self.graphs = [graphs] if isinstance(graphs, Graph) else list(graphs)
         self.options = options
@@ -87,10 +87,11 @@ class BakeJob:
         self._warnings = [*warnings, *outline.warnings, *arrays.warnings]
         made = [layer.name for layer in self.graph.layers if layer.effect]
         if options.samples_of and (unknown := [name for name in made if name not in options.samples_of]):
-            self._warnings.append(f"samples: nothing was chosen for {', '.join(unknown)}")
+            which = f"{', '.join(unknown)}: as many as any other has"
+            self._warnings.append(f"samples: nothing was chosen for {which}")
         if options.error_images and options.probes == 0:
             self._warnings.append("error images: there are none, as nothing is measured (probes: 0)")
-        self._read_seconds = read_seconds
+        self.read_seconds = read_seconds
         self._coarse_picture_seconds: list[float] = []  # by shot
         self._held = held_bytes()
         self._layers_bytes = 0  # of finished shots
@@ -170,7 +171,7 @@ class BakeJob:
     def _run(self) -> Iterator[None]:
         executor = Executor(self.devices.primary, self.devices.fallback, keeps_inputs=False)
         executor.observer = self.observer
-        began, execution = time.perf_counter() - self._read_seconds, executor.execution
+        began, execution = time.perf_counter() - self.read_seconds, executor.execution
         self._forecasts = [self._forecast(graph, [graph], execution) for graph in self.graphs]
         yield from self._take_coarse_pictures(executor)
         executor.outline = self.outline
@@ -193,7 +194,7 @@ class BakeJob:
 
     def _bake(self, executor: Executor, number: int, execution: Execution, began: float) -> Iterator[None]:
         """One shot; what those to come read of the same stays with the executor."""
-        before = self._coarse_picture_seconds[number] + (0.0 if number else self._read_seconds)
+        before = self._coarse_picture_seconds[number] + (0.0 if number else self.read_seconds)
         outline, options, graph = self.outline, self.options, self.graphs[number]
         later, sampling = self.graphs[number + 1 :], sampling_of(graph, options)
         groups, self.memory = groups_of(outline, graph, options, self._held, self._layers_bytes)

@@ -86,6 +86,13 @@ class Passes:
             self._learnt()
             if not going_on:
                 break
+        for name, each in looked.items():
+            if each.failure:
+                count = self.chosen[name].samples
+                execution.warnings.append(
+                    f"layer '{name}': how wrong it is could not be measured ({each.failure}), so that it has "
+                    f"{count} samples, as many as any other or as there may be"
+                )
         for _ in executor.finish(group, execution):
             yield
         for take in takes_of(group):
@@ -119,7 +126,10 @@ class Passes:
         """Whether more samples are to be made for its sake."""
         options = self._options
         if layer.name in looked:
-            return layer.name in open_ones and samples < options.most_samples
+            if looked[layer.name].failure and not open_ones:
+                return samples < self._most_of_measured()
+            is_open = layer.name in open_ones or looked[layer.name].failure
+            return bool(is_open) and samples < options.most_samples
         if self._is_set(layer):
             return samples < options.set_samples
         if options.time_budget_s and not options.aim:
@@ -127,6 +137,12 @@ class Passes:
         usual = USUAL_SAMPLES if options.aim else options.set_samples
         others = any(each.effect and each.name not in looked for each in layers)
         return bool(open_ones) or (samples < usual and (others or not looked))
+
+    def _most_of_measured(self) -> int:
+        """Samples of a layer of which nobody can tell how wrong it is: as many as any other got, or as there
+        may be."""
+        got = (self.chosen[name].samples for name, each in self.chosen.items() if each.target)
+        return max(got, default=self._options.most_samples)
 
     def _is_set(self, layer: PlannedLayer) -> bool:
         """Whether it gets as many samples as are set, whatever others get."""
@@ -143,9 +159,12 @@ class Passes:
                 self.chosen[layer.name] = replace(chosen, target=target)
 
     def _samples_of_layer(self, name: str, group: Graph) -> int:
-        """What is made of others, of which reports say nothing, has as many as the most of those."""
+        """What is made of others, of which reports say nothing, has as many as the most of those; a layer of
+        which nobody knew, as the most of any, in all frames of a sequence."""
         if name in self._samples_of:
             return self._samples_of[name]
+        if any(layer.effect for layer in group.layers if layer.name == name):
+            return max(self._samples_of.values())
         known = (self._samples_of[layer.name] for layer in group.layers if layer.name in self._samples_of)
         return max(known, default=USUAL_SAMPLES)
 
@@ -196,6 +215,7 @@ class _Looked:
         self._since, self._first = 0, 0.0  # samples that the watch began with, and its error then
         self._error: float | None = None
         self.is_done = self._was_stuck = False
+        self.failure = ""  # why nobody can tell how wrong it is
 
     def chosen(self, samples: int) -> Generator[None, None, Chosen]:
         """What is chosen where no more follow."""
@@ -213,7 +233,7 @@ class _Looked:
         if not is_stuck and is_doubled:
             found = yield from self._measuring.watch(self._layer, samples)
             if isinstance(found, NotMeasured):
-                self.is_done = True
+                self.is_done, self.failure = True, found.why
                 return Chosen(samples)
             is_first = self._error is None
             self._error = found

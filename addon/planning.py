@@ -35,23 +35,23 @@ ENOUGH_SAMPLES = 64
 
 @dataclass(frozen=True)
 class Options:
-    """How to bake. `effects`: ids, None for those on by default; `values`: parameter values by effect id
-    and name; `samples` jittered surfaces a pixel of a layer without a target, None: as usual. With a
+    """How to bake. `effects`: ids, None for those on by default; `values`: parameter values by effect id and
+    name; `samples` jittered surfaces a pixel of a layer without a target, None: as usual. With a
     `target_error` each layer gets as many as bring its error (docs/accuracy.md) down to that, unless lamps
-    and effects have their own (`heeds_own_targets`); 0: TARGET_ERROR, or none where samples or a time are
-    set. `time_budget_s`: all get as many as there is time for, 0: it may take any; `most_samples`: with
-    either no layer gets more; `samples_of`: how many each layer gets, by its name, where that was chosen
-    before; `probes` points to measure the error at, 0 for none, None for at most 2048 and so few that
-    measuring takes 15% of the bake; `lights`: names of the lamps whose layers are wanted, None for all
-    layers; `lit` also makes each light's unshadowed image, and `composite` the picture of the whole;
-    `memory_bytes` are what it may take beside what Blender has, 0: half of what is free, or less where
-    more is of no use; `providers`: the effect to take a role from, where several offer it and a lamp asks
-    for none; `keeps_unused` also makes their layers that the picture does not take; `weight`: what samples
-    of layers that multiply weigh (Weight); `placement`: where in a pixel its samples lie (Placement);
-    `rgb_layers`: lamps' shadows are in colour, each channel weighed by itself; `error_images`: each
-    measured layer gets an image of its error too; `read`: how materials are (Read), and `read_texels`: how
-    fine at most what Blender bakes of them is, texels a side of a mesh's picture; `registry`: the effects
-    that there are."""
+    and effects have their own (`own_targets`: by effect, in place of those that they have); 0: TARGET_ERROR,
+    or none where samples or a time are set. `time_budget_s`: all get as many as there is time for, 0: it may
+    take any; `most_samples`: with either no layer gets more; `samples_of`: how many each layer gets, by its
+    name, where that was chosen before; `probes` points to measure the error at, 0 for none, None for at most
+    2048 and so few that measuring takes 15% of the bake; `lights`: names of the lamps whose layers are
+    wanted, None for all layers; `lit` also makes each light's unshadowed image, and `composite` the picture
+    of the whole; `memory_bytes` are what it may take beside what Blender has, 0: half of what is free, or
+    less where more is of no use; `providers`: the effect to take a role from, where several offer it and a
+    lamp asks for none; `keeps_unused` also makes their layers that the picture does not take; `weight`: what
+    samples of layers that multiply weigh (Weight); `placement`: where in a pixel its samples lie (Placement);
+    `rgb_layers`: lamps' shadows are in colour, each channel weighed by itself; `error_images`: each measured
+    layer gets an image of its error too; `read`: how materials are (Read), and `read_texels`: how fine at
+    most what Blender bakes of them is, texels a side of a mesh's picture; `registry`: the effects that there
+    are."""
 
     effects: tuple[str, ...] | None = None
     backend: str = "auto"
@@ -76,7 +76,7 @@ class Options:
     samples_of: Mapping[str, int] = field(default_factory=dict)
     time_budget_s: float = 0.0
     most_samples: int = ENOUGH_SAMPLES
-    heeds_own_targets: bool = True
+    own_targets: Mapping[str, float] | None = None
 
     def __post_init__(self):
         if self.memory_bytes < 0:
@@ -131,7 +131,8 @@ class Options:
         """What the error of a layer is to come down to; 0: nobody asks, or could tell how far it is."""
         if not layer.kind.score or layer.node.rate != Rate.SAMPLE:
             return 0.0
-        return (layer.target_error if self.heeds_own_targets else 0.0) or self.aim
+        own = layer.target_error if self.own_targets is None else self.own_targets.get(layer.effect, 0.0)
+        return own or self.aim
 
     def wants(self, name: str, pass_name: str) -> bool:
         """Whether a lamp's layers are to be made."""

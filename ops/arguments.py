@@ -178,7 +178,7 @@ def build_parser(needs_scene: bool) -> Parser:
     report.add_argument("-o", "--output", required=True, metavar="FOLDER",
                         help="where to; what is there of the same report is gone on with")  # fmt: skip
     report.add_argument("--rivals", type=names, metavar="a,b",
-                        help="who else makes the same layers, such as cycles (default: nobody)")  # fmt: skip
+                        help="who else makes the same layers: cycles, eevee, embree")  # fmt: skip
     report.add_argument("--samples", type=numbers(1, MOST_SAMPLES), metavar="1,2,4",
                         help="how many surfaces per pixel to try (default: 1 to 64)")  # fmt: skip
     report.add_argument("--samples-only", action="store_true",

@@ -14,7 +14,7 @@ from typing import TextIO
 
 from ..addon.core.errors import Cancelled, StrataError, one_line
 from ..addon.core.naming import some_frames
-from ..addon.measure.target import samples_in
+from ..addon.measure.target import missed_in, samples_in, told_missed
 from .arguments import build_parser, exr_values, nested, read_outputs
 from .terminal import Interrupts, Progress, clean_stdout
 from .tracing import Tracing
@@ -111,7 +111,7 @@ def _camera(chosen):
 def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) -> int:
     from ..addon.planning import Options
     from ..addon.ui.properties import options_of
-    from .planning import described_plan, plan_lines, read_plan
+    from .planning import described_plan, plan_lines, read_plan, uncounted
 
     given = {"effects": arguments.effects, "values": nested(arguments.set)}
     Options(**given).chosen()  # wrong words are found before a large file is opened
@@ -129,7 +129,8 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
             for view_layer in chosen.view_layers:
                 interrupts.check()
                 read = read_plan(chosen.scene, view_layer, asked, frame, camera, arguments.size)
-                plans.append(described_plan(*read, sequences[view_layer.name], warnings))
+                idle = uncounted(read[1], given["values"])
+                plans.append(described_plan(*read, sequences[view_layer.name], [*warnings, *idle]))
     several = arguments.frames or len(plans) > 1
     if arguments.json:
         print(json.dumps(plans if several else plans[0], indent=1, ensure_ascii=False), file=out)
@@ -143,8 +144,10 @@ def _plan(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
 
 
 def _sequences(arguments: argparse.Namespace, chosen, options_of, interrupts: Interrupts) -> dict:
-    """The layers that every file has, by view layer's name; none where each frame's own do."""
+    """The layers that every file has, by view layer's name; none where each frame's own do. And how many
+    samples they have, where that is chosen for all frames."""
     from ..addon.sequence import sequence_layers
+    from ..addon.sequence_samples import sequence_samples
 
     progress = Progress(sys.stderr, f"scene {chosen.scene.name}", getattr(arguments, "quiet", False))
 
@@ -157,10 +160,15 @@ def _sequences(arguments: argparse.Namespace, chosen, options_of, interrupts: In
 
     where = options_of, chosen.frames, _camera(chosen), arguments.size, show
     try:
-        return {
+        layers = {
             view_layer.name: sequence_layers(chosen.scene, view_layer, *where) or ()
             for view_layer in chosen.view_layers
         }
+        if arguments.command == "bake" and not arguments.chosen:
+            for view_layer in chosen.view_layers:
+                if found := sequence_samples(chosen.scene, view_layer, *where):
+                    arguments.chosen[view_layer.name] = found
+        return layers
     finally:
         progress.clear()
 
@@ -198,7 +206,7 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
             print(f"strata: {outside}", file=sys.stderr, flush=True)
         arguments.tracing.observer.stage("Looking through frames")
         sequences = _sequences(arguments, chosen, asked, interrupts)
-        failed = []
+        failed, arguments.missed, arguments.idle = [], {}, set()
         for frame in chosen.frames:
             try:
                 _bake_frame(arguments, chosen, frame, asked, sequences, out, interrupts)
@@ -209,6 +217,8 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
                     raise
                 print(f"strata: frame {frame}: {one_line(error)}", file=sys.stderr, flush=True)
                 failed.append(frame)
+    if (words := told_missed(arguments.missed)) and len(chosen.frames) > 1 and not arguments.quiet:
+        print(f"strata: {words}", file=sys.stderr, flush=True)
     if failed:
         raise StrataError(f"{len(failed)} of {len(chosen.frames)} frames failed: {some_frames(failed)}")
     return OK
@@ -270,7 +280,7 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
     from ..addon.bake import read_job
     from ..addon.job import run_to_end
     from .auditing import held_against_cycles
-    from .planning import nothing_to_bake, room_warning
+    from .planning import nothing_to_bake, room_warning, uncounted
 
     # What the first frame chose holds for all, or their noise would flicker.
     known = arguments.chosen.get(view_layer.name) or arguments.chosen.get("")
@@ -289,6 +299,10 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
     finally:
         progress.clear()
     baked, reason = None, nothing_to_bake(job.graph, sequence)
+    for line in uncounted(job.graph, nested(arguments.set)):
+        if line not in arguments.idle and not arguments.quiet:
+            print(f"strata: {line}", file=sys.stderr, flush=True)
+        arguments.idle.add(line)
     if reason is None:
         path = arguments.output.path(frame)
         if (warning := room_warning(path, job, arguments.exr)) and not arguments.quiet:
@@ -311,6 +325,8 @@ def _bake_view_layer(arguments, chosen, view_layer, frame, title, options_of, se
         reason = nothing_to_bake(job.graph, sequence)  # a closer look may leave out what boxes could not
     interrupts.check()
     if reason is None:
+        missed = arguments.missed.setdefault(frame, [])
+        missed += [name for name in missed_in(baked.layers.report) if name not in missed]
         if len(chosen.frames) > 1 and (found := samples_in(baked.layers.report)):
             arguments.chosen.setdefault(view_layer.name, found)
         return baked

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -52,6 +52,20 @@ def read_plan(
     held = held_bytes() + texel_bytes(outline, graph.wants)  # as when a bake has read them
     memory = groups_of(outline, graph, options, held)[1]
     return outline, graph, memory, expected_seconds(outline, graph, options)
+
+
+def uncounted(graph: Graph, given: Mapping[str, Iterable[str]]) -> list[str]:
+    """A line for each parameter that was `given`, by effect, and changes nothing with the others that a
+    plan's layers have."""
+    lines = []
+    for effect_id, names in given.items():
+        made = [layer.params for layer in graph.layers if layer.effect == effect_id and layer.params]
+        for spec in made[0].specs() if made else ():
+            counts = any(spec.used_when.holds(params.__getattribute__) for params in made)
+            if spec.name in names and not counts:
+                where = spec.used_when.words()
+                lines.append(f"--set {effect_id}.{spec.name} changes nothing: it counts where {where}")
+    return lines
 
 
 def described_plan(

@@ -129,4 +129,6 @@ def run_program(
                 process.wait()
     if process.returncode or not all(path.exists() for path in made):
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        raise StrataError(f"Cycles rendered nothing ({lines[-1][:200] if lines else 'without a word'})")
+        raise StrataError(
+            f"the other Blender rendered nothing ({lines[-1][:200] if lines else 'without a word'})"
+        )

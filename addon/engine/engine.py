@@ -12,11 +12,11 @@ from bpy.app.handlers import persistent, render_init
 
 from .. import preview
 from ..bake import Baked, BakeJob, read_depsgraph
-from ..core.errors import Cancelled, one_line, told_once
+from ..core.errors import Cancelled, one_line, sentence, told_once
 from ..core.naming import ENGINE_ID
 from ..devices.start import Devices, start_devices
 from ..layers.exr import layer_attributes, to_json
-from ..measure.target import samples_in
+from ..measure.target import missed_in, samples_in, told_missed
 from ..scene.exact.reading import Exact
 from ..ui.properties import options_of
 from ..ui.registration import Classes
@@ -28,6 +28,8 @@ from .passes import COMBINED, PassImage
 _chosen: dict[tuple[int, str], dict[str, int]] = {}
 """Samples by layer, that the first frame of a render chose for a target error, by scene and view layer: all
 frames of an animation have them, or their noise would flicker."""
+_missed: dict[tuple[int, str], dict[int, list[str]]] = {}
+"""Layers by frame that did not come down to their target, alike."""
 POLL_SECONDS = 0.05  # between two looks whether the user cancelled
 
 
@@ -113,7 +115,15 @@ class StrataRenderEngine(bpy.types.RenderEngine):
             baked = self._baked(job, depsgraph)
         if chosen := samples_in(baked.layers.report):
             _chosen.setdefault(key, chosen)
+        self._tell_missed(depsgraph.scene, _missed.setdefault(key, {}), missed_in(baked.layers.report))
         return job, baked
+
+    def _tell_missed(self, scene, missed: dict[int, list[str]], names: list[str]) -> None:
+        """After the last frame of an animation."""
+        missed[scene.frame_current] = names
+        is_last = scene.frame_current + scene.frame_step > scene.frame_end
+        if is_last and len(missed) > 1 and (words := told_missed(missed)):
+            self.report({"WARNING"}, sentence(words))
 
     def _baked(self, job: BakeJob, depsgraph) -> Baked:
         """Shows in a window what is there so far. Raises NotServed where the job is the GPU's, and this
@@ -171,6 +181,7 @@ class StrataRenderEngine(bpy.types.RenderEngine):
 def _forget_chosen(*_scene) -> None:
     """A render begins: of one frame, or of all of an animation's."""
     _chosen.clear()
+    _missed.clear()
 
 
 _classes = Classes(StrataRenderEngine)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..core.naming import some_frames
 from .verdict import percent
 
 
@@ -58,6 +59,21 @@ def told(chosen: Chosen, method: float | None, advice: str) -> str:
     if target.is_late:
         return f"{off}there was no time for more than {count}"
     return f"{off}{count} at most, and not enough"
+
+
+def missed_in(report: Mapping[str, Any]) -> list[str]:
+    """Names of layers that a report says did not come down to their target."""
+    return [each["name"] for each in report["layers"] if not each.get("target", {"reached": True})["reached"]]
+
+
+def told_missed(missed: Mapping[int, Sequence[str]]) -> str:
+    """Of a sequence, by frame, the layers that did not: one line, empty where all did."""
+    frames = [frame for frame, names in missed.items() if names]
+    names = dict.fromkeys(name for frame in frames for name in missed[frame])
+    if not frames:
+        return ""
+    count = f"{len(frames)} frame{'s' * (len(frames) > 1)}"
+    return f"the target error is not reached in {count} ({some_frames(frames)}): {', '.join(names)}"
 
 
 def samples_in(report: Mapping[str, Any]) -> dict[str, int]:

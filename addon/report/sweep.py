@@ -151,7 +151,7 @@ class Sweep:
             for effect, own in (setting.nested() if setting else {}).items():
                 values[effect] = values.get(effect, {}) | own
             plain = {"target_error": 0.0, "time_budget_s": 0.0, "error_images": False, "composite": False}
-            plain["heeds_own_targets"] = False
+            plain["own_targets"] = {}
             return replace(options, samples=samples, probes=probes, values=values, **plain)
 
         return read_job(asked.scene, asked.view_layer, options_of, asked.frame, asked.camera, asked.size)
@@ -239,4 +239,12 @@ class Sweep:
             return None
         in_colour = {layer.name for layer in job.graph.layers if len(layer.channels) > 1}
         luminance = np.array(luminance_of(outline.working_space))
-        return Case(kept, request, lamps, frozenset(in_colour), luminance, self.ledger.kept)
+        return Case(
+            kept,
+            request,
+            lamps,
+            frozenset(in_colour),
+            luminance,
+            self.ledger.kept,
+            lambda setting: self._job(setting, setting.samples, 0),
+        )

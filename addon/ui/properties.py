@@ -51,12 +51,13 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
     for effect_id, given in given_values.items():
         values[effect_id] = values.get(effect_id, {}) | given
     samples = overrides.get("samples")
+    given_targets = _targets_in(given_values)
     # Who says how many, and nothing of an error or a time, gets so many.
     is_said = samples is not None and not (
-        overrides.get("target_error")
-        or overrides.get("time_budget_s")
-        or any("target_error" in given for given in given_values.values())
+        overrides.get("target_error") or overrides.get("time_budget_s") or given_targets
     )
+    # Who says how close all is to be means lamps and effects too, but those named in the same breath.
+    rules_all = is_said or bool(overrides.get("target_error"))
     # Who says how long, and never said how close, gets what there is time for.
     is_of_time = bool(overrides.get("time_budget_s")) and not settings.is_property_set("target_error")
     has_aim = not is_said and not is_of_time
@@ -67,7 +68,7 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
         "most_samples": settings.most_samples if samples is None else samples,
         "target_error": settings.target_error if has_aim else 0.0,
         "time_budget_s": 0.0 if is_said else settings.time_budget_s,
-        "heeds_own_targets": not is_said,
+        "own_targets": given_targets if rules_all else None,
         "weight": settings.weight,
         "placement": settings.placement,
         "rgb_layers": settings.rgb_layers,
@@ -81,6 +82,16 @@ def options_of(scene: bpy.types.Scene, **overrides: Any) -> Options:
         "keeps_unused": overrides.get("effects") is not None,
     }
     return Options(values=values, **options | {k: v for k, v in overrides.items() if v is not None})
+
+
+def _targets_in(values: dict[str, dict[str, Any]]) -> dict[str, float]:
+    """By effect, those above 0 of `values` that somebody gave."""
+    found = {}
+    for effect_id, given in values.items():
+        if "target_error" in given:
+            only = {"target_error": given["target_error"]}
+            found[effect_id] = EFFECTS.named(effect_id).params.checked(effect_id, only).target_error
+    return {effect_id: target for effect_id, target in found.items() if target}
 
 
 def exr_of(scene: bpy.types.Scene, **overrides: Any) -> ExrParams:

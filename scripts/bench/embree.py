@@ -1,137 +1,39 @@
 """Embree as the rival that counts, twice: its packets of 16 rays through its C interface, and the `embreex`
 binding's one ray at a time as a Python program would use it.
 
-The C interface is called by ctypes on the library that the `embreex` wheel brings. Everything is in Embree's
-favour: the tree is built on all cores, rays are laid out in packets beforehand (that time is reported apart),
-Python's overhead of the calls is measured with empty packets and taken off, and the time of one thread is
-divided by the number of cores as though it scaled without loss.
+Everything is in Embree's favour: the tree is built on all cores, rays are laid out beforehand (that
+time is reported apart), Python's overhead of the calls is measured with empty packets and taken off, and the
+time of one thread is divided by the number of cores as though it scaled without loss.
 """
 
 from __future__ import annotations
 
-import ctypes
 import os
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
-from strata.addon.core.arrays import MeshArrays
 from strata.addon.core.emitter import Emitter, EmitterKind
+from strata.addon.report.rivals.embree import sobol
+from strata.addon.report.rivals.embree_packets import (
+    DIRECTION,
+    LANES,
+    MASK,
+    ORIGIN,
+    T_FAR,
+    Packets,
+    aligned,
+)
 
-LANES = 16
 POINTS_AT_ONCE = 1 << 14
 OFFSET = 2e-4  # metres that rays start off the surface, and end before the light
-# RTCRay16 of Embree 4: twelve fields of sixteen four-byte lanes.
-ORIGIN, T_NEAR, DIRECTION, TIME, T_FAR, MASK, ID, FLAGS = 0, 3, 4, 7, 8, 9, 10, 11
-TRIANGLE_GEOMETRY, INDEX_BUFFER, VERTEX_BUFFER, UINT3, FLOAT3 = 0, 0, 1, 0x5003, 0x9003
-COHERENT = 1 << 16
-
-
-def triangles_of(mesh: MeshArrays) -> np.ndarray:
-    """(T, 3) int32 vertices of the fans of a mesh's polygons."""
-    starts, sizes = mesh.face_starts[:-1], np.diff(mesh.face_starts)
-    pieces = []
-    for size in np.unique(sizes):
-        first = starts[sizes == size]
-        pieces += [np.stack([first, first + k, first + k + 1], axis=1) for k in range(1, size - 1)]
-    corners = np.concatenate(pieces) if pieces else np.zeros((0, 3), np.int32)
-    return mesh.corner_vertices[corners].astype(np.int32)
-
-
-def flattened(arrays, outline, instances, eye: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All triangles of `instances` as vertices (V, 3) float32 relative to `eye` and indices (T, 3) int32."""
-    vertices, indices, first = [], [], 0
-    triangles = {index: triangles_of(mesh) for index, mesh in enumerate(arrays.meshes)}
-    for number in sorted(instances):
-        mesh, matrix = outline.instances[number].mesh, arrays.matrices[number]
-        world = arrays.meshes[mesh].positions.astype(np.float64) @ matrix[:3, :3].T + (matrix[:3, 3] - eye)
-        vertices.append(world.astype(np.float32))
-        indices.append(triangles[mesh] + np.int32(first))
-        first += len(world)
-    return np.concatenate(vertices), np.ascontiguousarray(np.concatenate(indices))
-
-
-def _library() -> ctypes.CDLL:
-    folder = Path(find_spec("embreex").origin).parents[1] / "embreex.libs"
-    ctypes.CDLL(str(next(folder.glob("libtbb*"))), mode=ctypes.RTLD_GLOBAL)
-    library = ctypes.CDLL(str(next(folder.glob("libembree4*"))))
-    for name in ("rtcNewDevice", "rtcNewScene", "rtcNewGeometry", "rtcSetNewGeometryBuffer"):
-        getattr(library, name).restype = ctypes.c_void_p
-    return library
-
-
-class Packets:
-    """Triangles in an Embree scene, asked by packets of 16 rays."""
-
-    def __init__(self, vertices: np.ndarray, indices: np.ndarray):
-        self._library = library = _library()
-        started = time.perf_counter()
-        self._device = ctypes.c_void_p(library.rtcNewDevice(f"threads={os.cpu_count()}".encode()))
-        self._scene = ctypes.c_void_p(library.rtcNewScene(self._device))
-        geometry = ctypes.c_void_p(library.rtcNewGeometry(self._device, TRIANGLE_GEOMETRY))
-        self._fill(geometry, VERTEX_BUFFER, FLOAT3, np.ascontiguousarray(vertices, np.float32))
-        self._fill(geometry, INDEX_BUFFER, UINT3, np.ascontiguousarray(indices, np.uint32))
-        library.rtcCommitGeometry(geometry)
-        library.rtcAttachGeometry(self._scene, geometry)
-        library.rtcReleaseGeometry(geometry)
-        library.rtcCommitScene(self._scene)
-        self.build_seconds = time.perf_counter() - started
-        # RTCOccludedArguments: flags, features, then three pointers.
-        self._arguments = (ctypes.c_uint64 * 5)(COHERENT | (0xFFFFFFFF << 32))
-
-    def _fill(self, geometry, buffer: int, layout: int, rows: np.ndarray) -> None:
-        size = ctypes.c_size_t
-        memory = self._library.rtcSetNewGeometryBuffer(
-            geometry, buffer, ctypes.c_uint(0), layout, size(12), size(len(rows))
-        )
-        ctypes.memmove(memory, rows.ctypes.data, rows.nbytes)
-
-    def close(self) -> None:
-        self._library.rtcReleaseScene(self._scene)
-        self._library.rtcReleaseDevice(self._device)
-
-    def occluded(self, packets: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, float]:
-        """(P, 16) bool of packets (P, 12, 16) float32, in place, and the seconds in Embree; `valid` (P, 16)
-        int32, -1 for a ray to trace."""
-        seconds = self._call(packets, valid) - self._call(packets, aligned(valid.shape, np.int32))
-        return packets[:, T_FAR] == -np.inf, seconds
-
-    def _call(self, packets: np.ndarray, valid: np.ndarray) -> float:
-        occluded = self._library.rtcOccluded16
-        pointer = ctypes.c_void_p
-        occluded.argtypes, occluded.restype = [pointer, pointer, pointer, pointer], None
-        scene, arguments = self._scene.value, ctypes.addressof(self._arguments)
-        first, first_valid, count = packets.ctypes.data, valid.ctypes.data, len(packets)
-        rays = range(first, first + 768 * count, 768)
-        masks = range(first_valid, first_valid + 64 * count, 64)
-        started = time.perf_counter()
-        for ray, mask in zip(rays, masks, strict=True):
-            occluded(mask, scene, ray, arguments)
-        return time.perf_counter() - started
-
-
-def aligned(shape: tuple[int, ...], dtype) -> np.ndarray:
-    """Zeros at a multiple of 64 bytes, as packets have to be."""
-    count = int(np.prod(shape)) * np.dtype(dtype).itemsize
-    memory = np.zeros(count + 64, np.uint8)
-    first = -memory.ctypes.data % 64
-    return memory[first : first + count].view(dtype).reshape(shape)
 
 
 def sequence(samples: int) -> np.ndarray:
     """(samples, 2) uint32: the first of Sobol's (0, 2)-sequence, near neighbours in one packet."""
-    index = np.arange(samples, dtype=np.uint32)
-    bits = np.zeros((samples, 2), np.uint32)
-    column = 1 << 31
-    for bit in range(32):
-        there = (index >> bit & 1).astype(bool)
-        bits[there, 0] |= np.uint32(1 << (31 - bit))
-        bits[there, 1] ^= np.uint32(column)
-        column ^= column >> 1
+    bits = sobol(0, samples)
     order = np.zeros(samples, np.uint64)
     for bit in range(16):
         for axis in range(2):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from strata.addon.report.curve import Curve
+from strata.addon.report.rivals.embree_packets import flattened
 
 from . import cycles, embree
 from .document import milliseconds, rmse, significant, table, times
@@ -66,7 +67,7 @@ class Embree:
     def __post_init__(self):
         (layer,) = self.case.graph.layers
         self.emitter = self.case.outline.lights[layer.of.index].emitter
-        self.triangles = embree.flattened(self.case.arrays, self.case.outline, layer.casters, self.case.eye)
+        self.triangles = flattened(self.case.arrays, self.case.outline, layer.casters, self.case.eye)
 
     def __call__(self) -> dict[str, float]:
         found = self.trace(self.triangles, self.surface, self.emitter, self.case.eye, self.samples)

@@ -9,6 +9,7 @@ import pytest
 from strata.addon.bake import Baked, BakeJob
 from strata.addon.core.errors import StrataError
 from strata.addon.core.slices import finished
+from strata.addon.measure.report import NotMeasured
 from strata.addon.measuring import Measuring
 from strata.addon.passes import FEWEST_TO_BE_STUCK, USUAL_SAMPLES
 from strata.addon.planning import Options, plan_scene
@@ -153,6 +154,34 @@ def test_what_more_samples_do_not_lower_is_told():
         assert "Method Hybrid" in layer.target_words or "Map Size" in layer.target_words
 
 
+@pytest.mark.parametrize("failing", ["A", "AB"])
+def test_a_layer_that_cannot_be_measured_has_as_many_samples_as_another(monkeypatch, failing):
+    """Or as many as there may be, where no other could be either."""
+    watch = Measuring.watch
+
+    def broken(self, layer, samples):
+        if layer.name[-1] in failing:
+            return NotMeasured("broken")
+        return (yield from watch(self, layer, samples))
+
+    monkeypatch.setattr(Measuring, "watch", broken)
+    baked = bake(target_error=0.004, most_samples=12)
+    a, b = samples_of(baked).values()
+    assert a == b == (12 if failing == "AB" else b)
+    assert b > 4
+    told = [each for each in baked.report.warnings if "could not be measured (broken)" in each]
+    assert len(told) == len(failing)
+    assert f"it has {a} samples" in told[0]
+
+
+def test_layers_of_which_nothing_was_chosen_have_the_most_of_any():
+    """The same in all frames of a sequence, whichever others a frame needs."""
+    first, *_ = samples_of(bake())
+    baked = bake(target_error=0.0, samples_of={first: 6, "Soft Shadow of another frame": 9})
+    assert sorted(samples_of(baked).values()) == [6, 9]
+    assert any("as many as any other has" in each for each in baked.report.warnings)
+
+
 def test_what_was_chosen_before_says_whether_it_is_enough():
     """By the error that is reported, since nobody looks beforehand: for later frames of a sequence."""
     few = dict.fromkeys(samples_of(bake(target_error=0.03)), 1)
@@ -214,7 +243,7 @@ def test_a_lamp_has_a_target_of_its_own():
     assert own.samples > other.samples == 7
     again = bake(target_error=0.0, samples_of=samples_of(baked))
     assert all(np.array_equal(*pair) for pair in zip(pixels_of(baked), pixels_of(again), strict=True))
-    few = bake(scene, target_error=0.0, samples=3, heeds_own_targets=False)
+    few = bake(scene, target_error=0.0, samples=3, own_targets={})
     assert set(samples_of(few).values()) == {3}
 
 

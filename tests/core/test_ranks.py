@@ -30,6 +30,7 @@ RANKS = {
     "addon/audit": 4,
     "addon/report": 4,
     "addon/sequence.py": 4,
+    "addon/sequence_samples.py": 4,
     "addon/ui": 4,
     "addon/preview": 4,
     "addon/engine": 4,

@@ -217,7 +217,7 @@ def test_a_program_that_fails_costs_no_layer(plate, monkeypatch, tmp_path):
     assert len(found.layers.layers) == len(baked.layers.layers) == 1
     assert "held against" in format_table(found.report)
     (warning,) = (w for w in found.report.warnings if "Cycles" in w)
-    assert warning == "not held against Cycles: Cycles rendered nothing (no Cycles here)"
+    assert warning == "not held against Cycles: the other Blender rendered nothing (no Cycles here)"
 
 
 def test_it_can_be_cancelled(plate, monkeypatch, tmp_path):

@@ -116,6 +116,16 @@ def test_all_frames_have_what_the_first_chose(scene, tmp_path):
     assert set(samples_in(tmp_path / "again.exr").values()) == {4.0}
 
 
+def test_frames_of_an_animation_that_miss_their_target_are_told_after_the_last(scene, tmp_path, capfd):
+    scene.frame_start, scene.frame_end, scene.frame_step = 1, 13, 12
+    settings = scene.strata
+    settings.target_error, settings.most_samples, settings.probes = 1e-4, 4, 256
+    write_multilayer(scene, tmp_path / "render_####.exr")
+    bpy.ops.render.render(animation=True)
+    told = capfd.readouterr()
+    assert (told.out + told.err).count("The target error is not reached in 2 frames (1, 13): ") == 1
+
+
 def samples_in(path) -> dict[str, float]:
     """Of the layers of a render's file."""
     header = OpenEXR.File(str(path), header_only=True).header()

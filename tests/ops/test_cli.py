@@ -313,12 +313,31 @@ def test_frames_each_have_their_file(tmp_path):
     assert [read_layers(tmp_path / f"f_0{n}.exr").report["frame"] for n in (1, 3)] == [1, 3]
 
 
-def test_frames_have_what_the_first_chose_and_so_may_others(tmp_path):
+def test_what_is_set_and_changes_nothing_is_told_in_a_line(tmp_path):
+    words = (
+        "--size",
+        "32x18",
+        "--backend",
+        "cpu",
+        "--effects",
+        "soft_shadow",
+        "--set",
+        "soft_shadow.layers=5",
+    )
+    out = (SAMPLES / "animated.blend", "-o", tmp_path / "f_#.exr", "--samples", "1", "--probes", "0")
+    told = "--set soft_shadow.layers changes nothing: it counts where method is area or bitmask or hybrid"
+    result = strata("bake", *out, "--frames", "1,2", *words)
+    assert result.stderr.count(f"strata: {told}") == 1
+    assert told not in strata("bake", *out, *words, "--set", "soft_shadow.method=bitmask").stderr
+    assert told in strata("plan", SAMPLES / "animated.blend", *words[:2], *words[4:]).stdout
+
+
+def test_frames_have_the_same_samples_and_so_may_others(tmp_path):
     """Or their noise would flicker; what was chosen is taken again from a file or a report."""
     words = ("--quiet", "--size", "96x54", "--backend", "cpu", "--effects", "soft_shadow", "--probes", "0")
     blend, report = SAMPLES / "animated.blend", tmp_path / "f_##.json"
     aimed = ("--frames", "1,12", "--target-error", ".003", "--report", report)
-    strata("bake", blend, "-o", tmp_path / "f_##.exr", *aimed, *words)
+    strata("bake", blend, "-o", tmp_path / "f_##.exr", *words, *aimed, "--probes", "32")
     first, last = (json.loads((tmp_path / f"f_{n}.json").read_text()) for n in ("01", "12"))
     chosen = [[layer["samples"] for layer in told["layers"]] for told in (first, last)]
     assert chosen[0] == chosen[1]
@@ -337,7 +356,7 @@ def test_frames_have_what_the_first_chose_and_so_may_others(tmp_path):
     assert "target_error: " in strata("bake", blend, "-o", tmp_path / "x.exr", *both, check=2).stderr
 
 
-def test_frames_have_what_the_first_with_anything_in_view_chose(tmp_path):
+def test_frames_that_show_nothing_choose_nothing(tmp_path):
     scene = tmp_path / "turns.blend"
     program = (
         "import sys, bpy\n"
@@ -355,12 +374,11 @@ def test_frames_have_what_the_first_with_anything_in_view_chose(tmp_path):
         stdout=subprocess.DEVNULL,
     )
     words = ("--frames", "1-3", "--size", "48x27", "--backend", "cpu", "--effects", "soft_shadow")
-    aimed = ("--target-error", ".01", "--report", tmp_path / "f_##.json", "--probes", "0")
+    aimed = ("--target-error", ".01", "--report", tmp_path / "f_##.json", "--probes", "32")
     strata("bake", scene, "-o", tmp_path / "f_##.exr", *words, *aimed)
     told = [json.loads(path.read_text())["layers"] for path in sorted(tmp_path.glob("f_*.json"))]
-    chose = [any("target" in layer for layer in layers) for layers in told]
-    assert chose[-2:] == [True, False]
-    assert told[-2][0]["samples"] == told[-1][0]["samples"]
+    assert told[-1][0]["target"]["error"] == 0.01
+    assert told[-2][0]["samples"] == told[-1][0]["samples"] > 4
 
 
 def test_the_scene_keeps_its_own_choices(tmp_path):

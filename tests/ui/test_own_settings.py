@@ -58,6 +58,27 @@ def test_a_light_and_an_effect_have_target_errors_of_their_own():
     assert not has_own_targets(scene)
 
 
+def test_a_target_error_that_is_given_rules_the_whole_bake():
+    """The file's own lose; what is given of an effect with it wins, over its lamps' own too."""
+    open_blend(SAMPLES / "courtyard.blend")
+    scene = bpy.context.scene
+    lamp = bpy.data.objects["Sun"].data
+    lamp.strata.use_own, lamp.strata.soft_shadow.target_error = True, 0.004
+    scene.strata.soft_shadow.target_error = 0.01
+
+    def targets(**given) -> set[float]:
+        options = options_of(scene, effects=("soft_shadow",), **given)
+        graph = read_scene(scene, scene.view_layers[0], options)[1]
+        return {round(options.target_of(layer), 4) for layer in graph.layers}
+
+    assert targets() == {0.004, 0.01}
+    assert targets(target_error=0.03) == {0.03}
+    assert targets(target_error=0.03, values={"soft_shadow": {"target_error": "0.05"}}) == {0.05}
+    assert targets(target_error=0.03, values={"soft_shadow": {"target_error": "0"}}) == {0.03}
+    assert targets(values={"soft_shadow": {"target_error": "0.05"}}) == {0.004, 0.05}
+    assert targets(samples=8) == {0.0}
+
+
 def test_a_lights_own_settings_can_be_animated_and_driven():
     open_blend(SAMPLES / "courtyard.blend")
     scene = bpy.context.scene

@@ -241,19 +241,18 @@ def test_scenes_take_the_preferences_device_and_budget_unless_they_have_their_ow
 
 def test_a_number_of_samples_is_kept_unless_an_error_or_a_time_is_asked_for_too(scene):
     scene.strata.target_error, scene.strata.time_budget_s = 0.01, 5.0
-    assert (options_of(scene).target_error, options_of(scene).heeds_own_targets) == (
-        pytest.approx(0.01),
-        True,
-    )
+    assert (options_of(scene).target_error, options_of(scene).own_targets) == (pytest.approx(0.01), None)
     alone = options_of(scene, samples=8)
     assert (alone.samples, alone.target_error, alone.time_budget_s) == (8, 0.0, 0.0)
-    assert not alone.heeds_own_targets
+    assert alone.own_targets == {}
     for asked in ({"target_error": 0.02}, {"time_budget_s": 1.0}):
         most = options_of(scene, samples=32, **asked)
-        assert (most.most_samples, most.heeds_own_targets) == (32, True)
+        assert (most.most_samples, most.own_targets) == (32, {} if "target_error" in asked else None)
         assert most.target_error == asked.get("target_error", pytest.approx(0.01))
     own = options_of(scene, samples=32, values={"soft_shadow": {"target_error": ".02"}})
-    assert (own.most_samples, own.heeds_own_targets) == (32, True)
+    assert (own.most_samples, own.own_targets, own.target_error) == (32, None, pytest.approx(0.01))
+    none = options_of(scene, samples=8, values={"soft_shadow": {"target_error": "0"}})
+    assert (none.samples, none.aim, none.time_budget_s, none.own_targets) == (8, 0.0, 0.0, {})
 
 
 def test_a_target_error_is_the_default_until_somebody_sets_samples(scene):
@@ -286,7 +285,7 @@ def test_the_preview_has_samples_of_its_own_if_asked(scene):
     assert settings.preview.samples > 0
     settings.preview.samples = 6
     # Nothing else differs, so that where the samples are equal the preview ends at the bake's picture.
-    own = replace(preview_options(scene), most_samples=settings.most_samples, heeds_own_targets=True)
+    own = replace(preview_options(scene), most_samples=settings.most_samples, own_targets=None)
     assert own == options_of(scene, composite=True, probes=0)
     settings.preview.samples = 2
     assert (preview_options(scene).samples, options_of(scene).samples) == (2, 6)

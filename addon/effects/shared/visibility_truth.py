@@ -8,6 +8,7 @@ forms in tests/effects/shared/test_visibility_truth.py.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -95,6 +96,37 @@ SCORE = InUseScore(truth, is_binary=True, reference_name="ray traced")
 
 
 def _evaluate(rays, emitter, casters, points, part, samples, generator):
+    count = len(points.position[part])
+    halves = [_stratified(count, samples, generator) for _ in range(2)]
+    # First half, then second half.
+    laid = laid_out(emitter, points, part, np.concatenate(halves, 1), rays.origin)
+    through = rays.transmittance(casters, laid.origins, laid.directions, laid.reach)
+    weight = laid.weight
+    arrives = weight * laid.traced * through.reshape(count, 2 * samples).T
+    arrives, total = (each.reshape(2, samples, -1).sum(1) for each in (arrives, weight))
+    lit = total > 0.0
+    return np.where(lit, arrives / np.where(lit, total, 1.0), 1.0).T, total.sum(0) / (2 * samples)
+
+
+@dataclass(frozen=True)
+class Laid:
+    """S rays from each of N points to a light. `weight` (S, N) float64: the irradiance that comes along them
+    where nothing is between, at radiance 1, times S; `traced` (S, N) bool: not those that begin below the
+    surface; `origins`, `directions` (N S, 3) and `reach` (N S,) float32, the parameter where they end, 0
+    where they are not traced: those of a point one after the other."""
+
+    weight: np.ndarray
+    traced: np.ndarray
+    origins: np.ndarray
+    directions: np.ndarray
+    reach: np.ndarray
+
+
+def laid_out(
+    emitter: Emitter, points: SurfacePoints, part: slice, squares: np.ndarray, origin: np.ndarray
+) -> Laid:
+    """Rays from a part of `points` to the places `squares` (2, S, N) in [0, 1) on the light; origins are
+    relative to `origin` (3,), metres."""
     vectors = [each[part] for each in (points.position, points.geometric_normal, points.shading_normal)]
     vectors = np.array(vectors, np.float64).transpose(0, 2, 1).copy()
     valid = np.isfinite(vectors).all((0, 1))
@@ -103,10 +135,7 @@ def _evaluate(rays, emitter, casters, points, part, samples, generator):
 
     position += LIFT * np.abs(position).max(0) * geometric_normal
     world = position + _column(points.eye)
-    sample = _SAMPLERS[emitter.kind]
-    halves = [_stratified(len(valid), samples, generator) for _ in range(2)]
-    # First half, then second half.
-    direction, distance, measure = sample(emitter, world, np.concatenate(halves, 1))
+    direction, distance, measure = _SAMPLERS[emitter.kind](emitter, world, squares)
     weight = measure * np.maximum(_dot(direction, shading_normal), 0.0)
     if (radiance := _relative_radiance(emitter, direction)) is not None:
         weight *= radiance
@@ -114,7 +143,7 @@ def _evaluate(rays, emitter, casters, points, part, samples, generator):
 
     above = _dot(direction, geometric_normal)
     traced = (above > 0.0) & (weight > 0.0)
-    origins = np.repeat(_by_point(world.T - rays.origin), 2 * samples, axis=0)
+    origins = np.repeat(_by_point(world.T - origin), squares.shape[1], axis=0)
     if points.lifts is not None:
         lift = away(points.lifts[part], above, _dot(direction, shading_normal))
         traced = (traced | lift.any(0)) & (weight > 0.0)
@@ -123,17 +152,9 @@ def _evaluate(rays, emitter, casters, points, part, samples, generator):
         spoke = direction * np.where(is_near, distance, 1.0) - np.where(is_near, lift, 0.0)
         length = np.maximum(_length(spoke), 1e-30)
         direction, distance = spoke / length, np.where(is_near, length, distance)
-    through = rays.transmittance(
-        casters,
-        origins,
-        _by_point(direction.T).reshape(-1, 3),
-        _by_point(np.where(traced, distance, 0.0).T).reshape(-1),
-    )
-    free = traced * through.reshape(len(valid), 2 * samples).T
-    arrives = (weight * free).reshape(2, samples, -1).sum(1)
-    total = weight.reshape(2, samples, -1).sum(1)
-    lit = total > 0.0
-    return np.where(lit, arrives / np.where(lit, total, 1.0), 1.0).T, total.sum(0) / (2 * samples)
+    directions = _by_point(direction.T).reshape(-1, 3)
+    reach = _by_point(np.where(traced, distance, 0.0).T).reshape(-1)
+    return Laid(weight, traced, origins, directions, reach)
 
 
 def away(lifts: np.ndarray, above: np.ndarray, lit: np.ndarray) -> np.ndarray:

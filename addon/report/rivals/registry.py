@@ -6,9 +6,11 @@ from collections.abc import Sequence
 
 from ...core.errors import StrataError
 from .cycles import CYCLES
+from .eevee import EEVEE
+from .embree import EMBREE
 from .rival import Rival
 
-RIVALS: tuple[Rival, ...] = (CYCLES,)
+RIVALS: tuple[Rival, ...] = (CYCLES, EEVEE, EMBREE)
 
 
 def named(words: Sequence[str]) -> list[Rival]:

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...audit.other_blender import Scene
+from ...bake import BakeJob
 from ..cost import Cost
 from ..setting import Setting
 
@@ -18,7 +19,8 @@ from ..setting import Setting
 class Case:
     """What to make: shadows of `lamps`, Blender's names of light objects by layer's name; `in_colour`: layers
     of three channels. `scene` and `request` are for programs of another Blender (audit/other_blender.py),
-    `luminance` (3,) of the working space; `folder` is for what is worth keeping between runs."""
+    `luminance` (3,) of the working space; `folder` is for what is worth keeping between runs; `job(setting)`
+    reads the scene for a bake of ours that measures nothing."""
 
     scene: Scene
     request: Mapping[str, Any]
@@ -26,6 +28,7 @@ class Case:
     in_colour: frozenset[str]
     luminance: np.ndarray
     folder: Path
+    job: Callable[[Setting], BakeJob]
 
 
 @dataclass(frozen=True)

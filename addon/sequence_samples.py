@@ -1,0 +1,74 @@
+"""How many samples the layers of a sequence have where they have a target error: the same in all of its
+frames, or their noise would flicker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+from .bake import BakeJob, read_job
+from .core.errors import Cancelled
+from .job import run_to_end
+from .measure.target import samples_in
+from .planning import Options
+
+STAGE = "Choosing samples"
+
+
+def looked_at(first: int, last: int) -> list[int]:
+    """Frames of a range that samples are chosen by: its ends and its middle."""
+    return sorted({first, (first + last) // 2, last})
+
+
+def sequence_samples(
+    scene,
+    view_layer,
+    options_of: Callable[[Any], Options],
+    frames: Sequence[int],
+    camera=None,
+    size=None,
+    show: Callable[[float, str], None] | None = None,
+) -> dict[str, int]:
+    """By layer's name the most samples that some frames of the scene's range need: the same ones whichever
+    `frames` are baked, so that machines that make other chunks choose alike. Empty where the first frame that
+    is baked may choose for all: of a scene that cannot change, or where a time is set, which is a frame's;
+    and where a single one is baked, since others would cost more than it. What else there is is as in
+    `read_job`; `show` is told the share done, and may raise to stop. Only on the main thread.
+    """
+    from .scene.changing import may_change
+
+    first, last = scene.frame_start, max(scene.frame_start, scene.frame_end)
+    if len(set(frames)) < 2 or first == last or not may_change(scene):
+        return {}
+
+    def asked(scene) -> Options:
+        return replace(options_of(scene), probes=0, lit=False, composite=False, error_images=False)
+
+    found: dict[str, int] = {}
+    looked = looked_at(first, last)
+    for number, frame in enumerate(looked):
+
+        def show_all(share: float, stage: str = "", left: float | None = None, number=number) -> None:
+            if show:
+                show((number + share) / len(looked), STAGE)
+
+        show_all(0.0)
+        try:
+            job = read_job(scene, view_layer, asked, frame, camera, size, show_all)
+            if job.options.time_budget_s:
+                return {}
+            if not _is_aimed(job):
+                continue
+            report = run_to_end(job, show=show_all).layers.report
+        except Cancelled:
+            raise
+        except Exception:
+            continue  # told by the bake of that frame
+        for name, samples in samples_in(report).items():
+            found[name] = max(found.get(name, 0), samples)
+    return found
+
+
+def _is_aimed(job: BakeJob) -> bool:
+    return any(map(job.options.target_of, job.graph.layers))
