@@ -190,7 +190,13 @@ class BakeJob:
         if sampling.passes:
             parts = (passes or Passes(None, None, self.options)).parts(groups, sampling)
         parts = [(part, samples * tiles) for part, samples in parts]
-        return Forecast(parts, sampling.width * sampling.height / tiles, execution, self.outline)
+        return Forecast(
+            parts,
+            sampling.width * sampling.height / tiles,
+            execution,
+            self.outline,
+            self.devices.primary.name,
+        )
 
     def _bake(self, executor: Executor, number: int, execution: Execution, began: float) -> Iterator[None]:
         """One shot; what those to come read of the same stays with the executor."""

@@ -13,7 +13,7 @@ from .core.outline import Outline
 from .core.progress import Forecast
 from .core.sampling import FIRST_PASSES
 from .effects.shared.steps import ray_accelerator
-from .measure.budget import MeasuringOutlook
+from .measure.budget import ImagesOutlook, MeasuringOutlook
 from .measure.watch import watching_seconds
 from .passes import Passes, samples_for
 from .planning import Options, sampling_of
@@ -22,18 +22,25 @@ from .speeds import recall_speeds
 READING_SECONDS, READING_SECONDS_A_TRIANGLE = 0.05, 0.4e-6
 """Scan, extraction and whatever else is no step, on an ordinary machine."""
 
+STARTING_SECONDS, LAMP_AUDITED_SECONDS = 0.3, 0.9
+"""Of an audit: another Blender's start, and Cycles' renders of one lamp."""
+
 WATCHED = 0.35
 """Of the seconds of as many probes, what pixels that are watched take: measured with shadows of two lamps."""
 
 
 def expected_seconds(
-    outline: Outline, graph: Graph, options: Options, report: Mapping[str, Any] | None = None
+    outline: Outline,
+    graph: Graph,
+    options: Options,
+    report: Mapping[str, Any] | None = None,
+    is_audited: bool = False,
 ) -> float:
-    """Of the whole bake, measuring included. `report`: that of the scene's last bake, if there was one, which
-    tells how far layers were with how many samples."""
+    """Of the whole bake, with measuring and images of errors; and its audit, if it `is_audited`. `report`:
+    that of the scene's last bake, if there was one, which tells how far layers were with how many samples."""
     if not graph.layers:
         return 0.0
-    recall_speeds(options.backend)
+    device = recall_speeds(options.backend)
     sampling, parts, watching = sampling_of(graph, options), [], 0.0
     pixels, tiles = sampling.width * sampling.height, sampling.chunk_count // sampling.samples
     targets = {layer.name: target for layer in graph.layers if (target := options.target_of(layer))}
@@ -46,7 +53,7 @@ def expected_seconds(
         doublings = (1 + int(math.log2(max(counts[name] / sampling.passes[0], 1.0))) for name in targets)
         watching = sum(doublings) * WATCHED * watching_seconds(pixels)
     parts = [(part, samples * tiles) for part, samples in parts or [(graph, sampling.samples)]]
-    forecast = Forecast(parts, pixels / tiles, Execution(), outline)
+    forecast = Forecast(parts, pixels / tiles, Execution(), outline, device)
     slower = forecast.usually_slower()
     apart = READING_SECONDS + READING_SECONDS_A_TRIANGLE * outline.triangles + watching
     seconds = forecast.seconds_left() + slower * apart
@@ -55,7 +62,17 @@ def expected_seconds(
         seconds += outlook.seconds_left(seconds, slower)
     elif targets:
         seconds += slower * outlook.tree_seconds
-    return min(seconds, options.time_budget_s or math.inf)
+    seconds = min(seconds, options.time_budget_s or math.inf)
+    if options.error_images and options.probes != 0:  # no part of the time that was set
+        seconds += ImagesOutlook(graph, pixels).seconds_left(slower)
+    return seconds + slower * is_audited * _auditing_seconds(outline, graph)
+
+
+def _auditing_seconds(outline: Outline, graph: Graph) -> float:
+    """What another Blender takes, on an ordinary machine."""
+    lamps = {layer.of for layer in graph.layers if layer.kind.score and layer.of.is_lamp}
+    reading = READING_SECONDS_A_TRIANGLE * outline.triangles
+    return bool(lamps) * (STARTING_SECONDS + reading) + len(lamps) * LAMP_AUDITED_SECONDS
 
 
 def _known_samples(report: Mapping[str, Any], targets: Mapping[str, float]) -> dict[str, float]:

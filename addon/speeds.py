@@ -20,19 +20,28 @@ NAME = "seconds.json"
 AUTO = "auto"
 
 
-def recall_speeds(backend: str) -> None:
-    """What is kept of a device; of `auto`, of what it chose last."""
-    kept = _kept()
-    device = str(kept.get(AUTO)) if backend == AUTO else backend
-    progress.recall(_checked(kept.get(device)))
+_chosen: list[str] = []
+"""What `auto` chose last in this process."""
+
+
+def recall_speeds(backend: str) -> str:
+    """What is kept of a device; of `auto`, of what it chose last, here or in an earlier process. Returns
+    which that is."""
+    kept, device = _kept(), backend
+    if backend == AUTO:
+        device = _chosen[-1] if _chosen else str(kept.get(AUTO, "cpu"))
+    progress.recall(device, _checked(kept.get(device)))
+    return device
 
 
 def keep_speeds(backend: str, device: str, seconds: float) -> None:
     """After a bake of so many seconds on `device`, which `backend` asked for or left open."""
+    if backend == AUTO:
+        _chosen[:] = [device]
     folder = cache_folder()
     if folder is None or seconds < LEAST_SECONDS:
         return
-    learnt = {_key(*kind): float(f"{each:.4g}") for kind, each in progress.learnt().items()}
+    learnt = {_key(*kind): float(f"{each:.4g}") for kind, each in progress.learnt(device).items()}
     kept = {**_kept(), device: learnt}
     if backend == AUTO:
         kept[AUTO] = device

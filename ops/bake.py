@@ -11,6 +11,7 @@ from ..addon.audit.audit import audited
 from ..addon.audit.other_blender import kept_scene
 from ..addon.bake import Baked, BakeJob, read_job
 from ..addon.core.errors import Cancelled, StrataError, one_line, sentence
+from ..addon.expected import expected_seconds
 from ..addon.job import Runner, run_to_end
 from ..addon.layers.exr import check_codec, write_layers
 from ..addon.layers.files import check_writable
@@ -107,7 +108,7 @@ class STRATA_OT_bake(bpy.types.Operator):
         self._scene_id, self._scene_name = scene.session_uid, scene.name
         self._warnings, self._not_written = (), ""  # of the file
         self._packed: tuple[bytes, ...] = ()
-        self._kept_scene = None
+        self._kept_scene, self._is_audited = None, scene.strata.audit
         self._wants_images = scene.strata.save_to != "FILE"
         self._waits = not self.filepath and waits_for_saving(scene)
         has_file = self.filepath or not (self._waits or scene.strata.save_to == "IMAGES")
@@ -130,12 +131,12 @@ class STRATA_OT_bake(bpy.types.Operator):
             manager.progress_end()
         self._job = job
         if reason := nothing_to_bake(job.graph, job.sequence):
-            STATE.show_plan(self._scene_id, job.graph)
+            STATE.show_plan(self._scene_id, job.graph, expected_s=0.0)
             self.report({"WARNING"}, sentence(reason))
             return None
         if self._path and (warning := room_warning(self._path, job, self._exr)):
             self.report({"WARNING"}, warning)
-        if scene.strata.audit:
+        if self._is_audited:
             try:
                 self._kept_scene = kept_scene(scene, context.view_layer)
             except StrataError as error:
@@ -172,16 +173,18 @@ class STRATA_OT_bake(bpy.types.Operator):
             fill_images(self._scene_name, baked.layers, self._packed)
         if is_written := bool(self._path and not self._not_written):
             reload_file(self._path)
-        STATE.show_plan(self._scene_id, self._job.graph, self._job.memory, baked=self._job.outline.baked)
+        job, report = self._job, baked.layers.report
+        expected_s = expected_seconds(job.outline, job.graph, job.options, report, self._is_audited)
+        STATE.show_plan(self._scene_id, job.graph, job.memory, baked=job.outline.baked, expected_s=expected_s)
         made = Made(baked.layers.view_layer, self._path if is_written else None, bool(self._packed))
-        STATE.show_report(self._scene_id, baked.layers.report, made)
+        STATE.show_report(self._scene_id, report, made)
         if self._not_written:
             self.report({"ERROR"}, f"{self._not_written}. The layers are in images of this Blender file")
             return {"FINISHED"}
         where = f" to {self._path}" if self._path else ""
         if self._waits:
             where = " to images; once this Blender file is saved, also to a file beside it"
-        seconds = baked.layers.report["seconds"]
+        seconds = report["seconds"]
         count = len(baked.layers.layers)
         layers = f"{count} layers" if count > 1 else "1 layer"
         self.report({"INFO"}, f"Baked {layers} in {seconds:.1f} s{where}")
@@ -242,9 +245,11 @@ class STRATA_OT_plan(bpy.types.Operator):
     @reported
     def execute(self, context):
         started = time.thread_time()
-        outline, graph, memory, expected_s = read_plan(context.scene, context.view_layer, options_of)
-        somebody_asked(context.scene, time.thread_time() - started)
-        STATE.show_plan(context.scene.session_uid, graph, memory, outline.warnings, outline.baked, expected_s)
+        scene = context.scene
+        told = {"report": STATE.reports.get(scene.session_uid), "is_audited": scene.strata.audit}
+        outline, graph, memory, expected_s = read_plan(scene, context.view_layer, options_of, **told)
+        somebody_asked(scene, time.thread_time() - started)
+        STATE.show_plan(scene.session_uid, graph, memory, outline.warnings, outline.baked, expected_s)
         redraw(context.window_manager.windows)
         return {"FINISHED"}
 

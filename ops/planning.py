@@ -28,10 +28,12 @@ def read_plan(
     frame: int | None = None,
     camera=None,
     size=None,
+    report: Mapping[str, Any] | None = None,
+    is_audited: bool = False,
 ) -> tuple[Outline, Graph, MemoryEstimate, float]:
-    """Scans the scene as F12 would see it and plans, and says what memory and how many seconds baking
-    that takes; extracts nothing. As `read_job`, only on the main thread. A bake's closer look may yet leave
-    out layers."""
+    """Scans the scene as F12 would see it and plans, and says what memory and how many seconds baking that
+    takes (`report` and `is_audited` as in expected_seconds); extracts nothing. As `read_job`, only on the
+    main thread. A bake's closer look may yet leave out layers."""
     from ..addon.scene.exact.reading import Exact
     from ..addon.scene.extract import texel_bytes
     from ..addon.scene.render_depsgraph import with_render_depsgraph
@@ -51,7 +53,7 @@ def read_plan(
     outline = scanned.outline
     held = held_bytes() + texel_bytes(outline, graph.wants)  # as when a bake has read them
     memory = groups_of(outline, graph, options, held)[1]
-    return outline, graph, memory, expected_seconds(outline, graph, options)
+    return outline, graph, memory, expected_seconds(outline, graph, options, report, is_audited)
 
 
 def uncounted(graph: Graph, given: Mapping[str, Iterable[str]]) -> list[str]:

@@ -20,19 +20,20 @@ MOST_SECONDS = 0.01, 50e-9  # of steps that do not say (Step.ordinary_seconds)
 KNOWN_SECONDS = 0.5
 """What these are worth beside what the bake has shown so far: its first steps tell little of the others."""
 
-_learnt: dict[tuple[str, bool], float] = {}
-"""Seconds per run of the least work, or per pixel of a step at the surface, in the bakes of this process: a
-sequence's second frame knows what the first one took."""
+_learnt: dict[str, dict[tuple[str, bool], float]] = {}
+"""Of bakes on each device, seconds per run of the least work, or per pixel of a step at the surface, in this
+process: a sequence's second frame knows what the first one took."""
 
 
-def learnt() -> dict[tuple[str, bool], float]:
-    """Seconds by step's name, and whether it runs at the surface."""
-    return dict(_learnt)
+def learnt(device: str) -> dict[tuple[str, bool], float]:
+    """Seconds by step's name, and whether it runs at the surface, of bakes on `device` (a GPU's have steps
+    that ran on the CPU too)."""
+    return dict(_learnt.get(device, {}))
 
 
-def recall(seconds: Mapping[tuple[str, bool], float]) -> None:
+def recall(device: str, seconds: Mapping[tuple[str, bool], float]) -> None:
     """What `learnt` said in an earlier process; what this one knows better stays."""
-    _learnt.update({kind: each for kind, each in seconds.items() if kind not in _learnt})
+    _learnt[device] = {**seconds, **_learnt.get(device, {})}
 
 
 @dataclass
@@ -48,13 +49,19 @@ class _Runs:
 
 
 class Forecast:
-    """Of `parts` that one after the other go into `execution`: graphs, and in how many chunks of `pixels`
-    pixels each runs. It is asked many times a second, about hundreds of nodes: what does not change is found
-    once, and nodes go by their keys, since their own hash is Python's work."""
+    """Of `parts` that one after the other go into `execution` on `device`: graphs, and in how many chunks of
+    `pixels` pixels each runs. It is asked many times a second, about hundreds of nodes: what does not change
+    is found once, and nodes go by their keys, since their own hash is Python's work."""
 
     def __init__(
-        self, parts: Iterable[tuple[Graph, int]], pixels: float, execution: Execution, outline: Outline
+        self,
+        parts: Iterable[tuple[Graph, int]],
+        pixels: float,
+        execution: Execution,
+        outline: Outline,
+        device: str = "cpu",
     ):
+        self._learnt = _learnt.setdefault(device, {})
         self._pixels, self._execution, self._outline = pixels, execution, outline
         self._nodes: dict[str, _Runs] = {}
         for graph, chunks in parts:
@@ -69,7 +76,7 @@ class Forecast:
     def seconds_left(self) -> float:
         """What the nodes that are still to run will take."""
         taken = self._taken()
-        slower, learnt = self._slower(taken), dict(_learnt)
+        slower, learnt = self._slower(taken), dict(self._learnt)
         sums: dict[tuple[str, bool], list[float]] = {}
         for node, seconds, runs in taken.values():
             total = sums.setdefault(node.kind, [0.0, 0.0])
@@ -99,7 +106,7 @@ class Forecast:
         """The same by what earlier bakes tell, before anything has run."""
         usual, real = KNOWN_SECONDS, KNOWN_SECONDS
         for node in self._nodes.values():
-            if (seconds := _learnt.get(node.kind)) is not None:
+            if (seconds := self._learnt.get(node.kind)) is not None:
                 usual += node.runs * node.unit * node.ordinary
                 real += node.runs * node.unit * seconds
         return real / usual
@@ -107,7 +114,7 @@ class Forecast:
     def _slower(self, taken: dict[str, tuple[_Runs, float, int]]) -> float:
         usual, real = KNOWN_SECONDS, KNOWN_SECONDS
         for node, seconds, runs in taken.values():
-            if node.kind not in _learnt:
+            if node.kind not in self._learnt:
                 usual += runs * node.unit * node.ordinary
                 real += seconds
         return real / usual
@@ -119,7 +126,7 @@ class Forecast:
             total = sums.setdefault(node.kind, [0.0, 0.0])
             total[0] += seconds
             total[1] += runs * node.unit
-        _learnt.update({kind: seconds / units for kind, (seconds, units) in sums.items() if units})
+        self._learnt.update({kind: seconds / units for kind, (seconds, units) in sums.items() if units})
 
     def _taken(self) -> dict[str, tuple[_Runs, float, int]]:
         """Seconds and runs of each node so far, by its key; copies between devices take time and are no

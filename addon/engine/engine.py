@@ -15,6 +15,7 @@ from ..bake import Baked, BakeJob, read_depsgraph
 from ..core.errors import Cancelled, one_line, sentence, told_once
 from ..core.naming import ENGINE_ID
 from ..devices.start import Devices, start_devices
+from ..expected import expected_seconds
 from ..layers.exr import layer_attributes, to_json
 from ..measure.target import missed_in, samples_in, told_missed
 from ..scene.exact.reading import Exact
@@ -72,8 +73,13 @@ class StrataRenderEngine(bpy.types.RenderEngine):
         layer_name = depsgraph.view_layer.name
         self._write(layer_name, passes.images_of(baked, job.outline, job.graph.shot, depsgraph))
         self._tell(layer_name, baked)
-        STATE.show_plan(depsgraph.scene.session_uid, job.graph, job.memory, baked=job.outline.baked)
-        STATE.show_report(depsgraph.scene.session_uid, baked.layers.report)
+        scene, report = depsgraph.scene, baked.layers.report
+        options = replace(job.options, samples_of={})  # a bake chooses by itself
+        expected_s = expected_seconds(job.outline, job.graph, options, report, scene.strata.audit)
+        STATE.show_plan(
+            scene.session_uid, job.graph, job.memory, baked=job.outline.baked, expected_s=expected_s
+        )
+        STATE.show_report(scene.session_uid, report)
 
     def view_update(self, context, depsgraph):
         """Nothing: the preview follows the scene by itself, and looks at each frame at what changed."""

@@ -68,7 +68,8 @@ class ScenePlan:
         except StrataError as error:
             view = str(error)
         # Blender evaluates settings with the next change of something else; animated ones are in both.
-        return self.edits, view, options_of(depsgraph.scene), self._content_of(depsgraph)
+        scene = depsgraph.scene
+        return self.edits, view, options_of(scene), scene.strata.audit, self._content_of(depsgraph)
 
     def make(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Reads what has changed, plans and shows it."""
@@ -82,7 +83,8 @@ class ScenePlan:
             memory = groups_of(outline, graph, options, held)[1]
             exactly = self._scan.exactly
             baked = exactly.exact.told(exactly.needed(graph, outline)) if exactly else ()
-            expected_s = expected_seconds(outline, graph, options, STATE.reports.get(scene))
+            told = STATE.reports.get(scene), depsgraph.scene.strata.audit
+            expected_s = expected_seconds(outline, graph, options, *told)
             STATE.show_plan(scene, graph, memory, warnings, baked, expected_s)
         except TooLong:
             self.is_too_long = True

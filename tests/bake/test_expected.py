@@ -8,8 +8,14 @@ import pytest
 from strata.addon import speeds
 from strata.addon.bake import BakeJob
 from strata.addon.core import progress
+from strata.addon.core.graph import Rate
 from strata.addon.core.outline import Outline
-from strata.addon.expected import about_seconds, expected_seconds
+from strata.addon.expected import (
+    LAMP_AUDITED_SECONDS,
+    STARTING_SECONDS,
+    about_seconds,
+    expected_seconds,
+)
 from strata.addon.planning import Options, plan_scene
 from strata.tests.bake.test_bake_job import FROM_ABOVE
 from strata.tests.bake.test_passes import two_lamps
@@ -21,6 +27,7 @@ TRIES = 3  # another process may have the processor
 @pytest.fixture(autouse=True)
 def nothing_learnt(monkeypatch):
     monkeypatch.setattr(progress, "_learnt", {})
+    monkeypatch.setattr(speeds, "_chosen", [])
 
 
 LARGER = replace(FROM_ABOVE, source=replace(FROM_ABOVE.source, frame_size=(240, 240)))
@@ -71,16 +78,41 @@ def test_speeds_are_kept_for_the_next_blender(tmp_path, monkeypatch):
     monkeypatch.setenv("STRATA_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(speeds, "LEAST_SECONDS", 0.0)
     baked(SOFT)
-    learnt = progress.learnt()
+    learnt = progress.learnt("cpu")
     assert learnt
-    for backend, is_known in (("gpu", False), ("auto", False), ("cpu", True)):
+    for backend, device in (("gpu", "gpu"), ("auto", "cpu"), ("cpu", "cpu")):
         monkeypatch.setattr(progress, "_learnt", {})
-        speeds.recall_speeds(backend)
-        assert progress.learnt().keys() == (learnt.keys() if is_known else set())
-    speeds.keep_speeds("auto", "cpu", 1.0)  # which chose that
-    monkeypatch.setattr(progress, "_learnt", {})
-    speeds.recall_speeds("auto")
-    assert progress.learnt() == {kind: pytest.approx(each, rel=1e-3) for kind, each in learnt.items()}
+        assert speeds.recall_speeds(backend) == device
+        assert progress.learnt(device).keys() == (learnt.keys() if device == "cpu" else set())
+    speeds.keep_speeds("auto", "gpu", 1.0)  # which chose that
+    assert speeds.recall_speeds("auto") == "gpu"
+    monkeypatch.setattr(speeds, "_chosen", [])  # the next Blender
+    assert speeds.recall_speeds("auto") == "gpu"
+    speeds.recall_speeds("cpu")
+    assert progress.learnt("cpu") == {kind: pytest.approx(each, rel=1e-3) for kind, each in learnt.items()}
+
+
+def test_what_a_gpu_took_is_not_expected_of_the_cpu():
+    outline, graph, _ = planned(SOFT)
+    usual = expected_seconds(outline, graph, SOFT)
+    kinds = {(node.step.name, node.rate == Rate.SAMPLE): 1e-12 for node in graph.nodes()}
+    progress.recall("gpu", kinds)
+    assert expected_seconds(outline, graph, SOFT) == usual
+    progress.recall("cpu", kinds)
+    assert expected_seconds(outline, graph, SOFT) < 0.5 * usual
+
+
+def test_images_of_errors_and_audits_are_expected_too():
+    measured = replace(SOFT, probes=64)
+    outline, graph, _ = planned(measured)
+    usual = expected_seconds(outline, graph, measured)
+    images = sum(layer.kind.score.pixel_seconds for layer in graph.layers if layer.kind.score) * 240 * 240
+    with_images = expected_seconds(outline, graph, replace(measured, error_images=True))
+    assert with_images - usual == pytest.approx(images)
+    assert expected_seconds(outline, graph, replace(SOFT, error_images=True)) < usual  # nothing is measured
+    audited = expected_seconds(outline, graph, measured, is_audited=True)
+    assert audited - usual == pytest.approx(STARTING_SECONDS + 2 * LAMP_AUDITED_SECONDS, rel=0.05)
+    assert expected_seconds(outline, graph, replace(measured, time_budget_s=0.01), is_audited=True) > 1.0
 
 
 @pytest.mark.parametrize(
@@ -91,7 +123,7 @@ def test_a_spoilt_file_of_speeds_says_nothing(tmp_path, monkeypatch, held):
     (tmp_path / speeds.NAME).write_text(held)
     for backend in ("cpu", "auto"):
         speeds.recall_speeds(backend)
-    assert progress.learnt() == {}
+    assert progress.learnt("cpu") == {}
 
 
 def test_a_folder_that_cannot_be_written_to_keeps_nothing(tmp_path, monkeypatch):

@@ -80,6 +80,22 @@ def test_it_is_what_a_bake_would_plan_and_no_render_is_started(scene):
     assert STATE.expected_s[scene.session_uid] > 0.0
 
 
+def test_the_expected_time_is_made_anew_after_a_bake_and_knows_what_it_took(scene):
+    """Of as many samples as the last bake needed, whoever asks."""
+    scene.strata.save_to, scene.strata.backend = "IMAGES", "cpu"
+    scene.strata.target_error, scene.strata.most_samples = 1e-3, 16  # more than is expected of nothing known
+    STATE.expected_s[scene.session_uid] = 1e6
+    assert bpy.ops.strata.bake() == {"FINISHED"}
+    after = STATE.expected_s[scene.session_uid]
+    assert 0.0 < after < 1e3
+    assert bpy.ops.strata.plan() == {"FINISHED"}
+    # The bake's own plan is closer, and boxes alone may keep what it leaves out.
+    assert STATE.expected_s[scene.session_uid] == pytest.approx(after, rel=0.5)
+    scene.strata.audit = True
+    assert bpy.ops.strata.plan() == {"FINISHED"}
+    assert STATE.expected_s[scene.session_uid] > after
+
+
 def test_it_is_asked_for_again_only_where_something_counts(scene):
     plan = ScenePlan()
     asked = plan.asked(depsgraph())

@@ -211,7 +211,7 @@ RAYS_ALONE = Step(
     cpu=_rays_alone,
     hole="rays live on the CPU only",
     rate=Rate.SAMPLE,
-    ordinary_seconds=400e-9,
+    ordinary_seconds=300e-9,
 )
 VISIBILITY = Step("soft_shadow/visibility", cpu=_visibility, gpu=gpu_steps.visibility, ordinary_seconds=4e-9)
 # Instances that the light does not light stay as they are (light linking).
