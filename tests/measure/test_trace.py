@@ -26,7 +26,7 @@ ROUNDING_US = 0.01
 def baked(observer=NOBODY, **options):
     observer.stage("Planning")
     outline, arrays = random_scene(1)
-    options = Options(backend="cpu", samples=4, probes=256, **options)
+    options = Options(**{"backend": "cpu", "samples": 4, "probes": 256, **options})
     graph = plan_scene(outline, shot_of(1), options)
     return BakeJob(outline, graph, arrays, options, observer=observer).result()
 
@@ -63,6 +63,14 @@ def test_events_nest_and_add_up():
     runs = {row["name"]: row["count"] for row in whole["summary"] if row["where"] == "cpu"}
     for step in {step.name for step in report.steps} - {"coarse_picture"}:
         assert runs[step] >= 1, step
+
+
+def test_a_bake_to_a_target_says_what_watching_took():
+    trace = Trace()
+    baked(trace, target_error=0.05)
+    _, events = told_of(trace)
+    (baking,) = (event for event in events if event["name"] == "Baking")
+    assert 0.0 < baking["args"]["watching_s"] < 1e-6 * baking["dur"]
 
 
 def test_an_event_says_what_its_node_read_and_made():
