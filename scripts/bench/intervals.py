@@ -3,16 +3,14 @@
 Scenes of all effects, with good settings and bad ones. The truth is what the reports rest on too, asked at
 every pixel and with many more rays: this tests the choice of pixels and the interval, and nothing else.
 
-What was found of each scene is kept in docs/data/intervals.jsonl, one line a layer and number of probes, so
-that a run that was stopped goes on, on any machine: delete it to begin anew.
+What was found of each scene is kept in docs/data/intervals.jsonl (kept.py), one line a layer and number of
+probes.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import random
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -34,6 +32,7 @@ from strata.addon.measure.mask import Looked, MaskScore
 from strata.addon.measure.strata import near_jumps
 from strata.addon.planning import Options
 from strata.scripts.bench.document import ROOT, table
+from strata.scripts.bench.kept import kept_lines
 
 SCENES = 200
 SIZE = (48, 32)
@@ -257,27 +256,9 @@ def told(seed: int) -> Iterator[Told]:
 
 
 def all_told(count: int, kept: Path = KEPT) -> list[Told]:
-    """Of so many scenes; those that `kept` has are not made again. One that fails is told and left out."""
-    lines = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
-    done = {line["scene"] for line in lines}
-    kept.parent.mkdir(exist_ok=True)
-    for seed in range(count):
-        if seed in done:
-            continue
-        try:
-            new = [_rounded(asdict(each)) for each in told(seed)]
-        except Exception as error:
-            print(f"scene {seed} failed: {error!r}", file=sys.stderr)
-            continue
-        with kept.open("a") as file:
-            file.write("".join(json.dumps(each) + "\n" for each in new or [{"scene": seed}]))
-        lines += new
-    return [Told(**line) for line in lines if "layer" in line and line["scene"] < count]
-
-
-def _rounded(line: dict) -> dict:
-    """To as many digits as anybody reads."""
-    return {name: float(f"{it:.5g}") if isinstance(it, float) else it for name, it in line.items()}
+    """Of so many scenes."""
+    lines = kept_lines(range(count), kept, lambda seed: map(asdict, told(seed)))
+    return [Told(**line) for line in lines]
 
 
 def section(count: int) -> str:

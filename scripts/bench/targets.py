@@ -1,16 +1,13 @@
 """Section "Targets": whether layers that were baked to a target error are there, and what that costs.
 
-What was found of each scene is kept in out/targets.jsonl, one line a layer, so that a run that was stopped
-goes on: delete it to begin anew.
+What was found of each scene is kept in docs/data/targets.jsonl (kept.py), one line a layer and target.
 """
 
 from __future__ import annotations
 
-import json
 import math
-import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -24,18 +21,19 @@ from strata.addon.planning import Options
 
 from . import intervals
 from .document import ROOT, table
+from .kept import kept_lines
 from .scenes import open_sample
 
 SAMPLES = ("courtyard", "comic", "plain", "dandelion", "stacked")
 LARGE, SMALL = (480, 270), (72, 48)
-RANDOM_SCENES = 30
+RANDOM_SCENES = 200
 TARGETS = 0.01, 0.02, 0.05
 MOST_SAMPLES = 64
 VIEWS = {LARGE: 8, SMALL: 32}
 """View rays of each half of every pixel, for its error."""
 PIXELS_AT_ONCE = 8192
 SEED = 4321
-KEPT = ROOT / "out" / "targets.jsonl"
+KEPT = ROOT / "docs" / "data" / "targets.jsonl"
 ALLOWED = 1.1
 GOOD = 0.8, 1.0
 
@@ -114,29 +112,19 @@ def baked_to(name: str, options: Options, size: tuple[int, int]) -> Iterator[Rea
             yield Reached(name, layer.name, target, layer.samples, *figures, *costs)
 
 
-def all_reached(names: list[str], kept: Path = KEPT) -> list[Reached]:
-    """Of sample scenes, and of random ones by their numbers; those that `kept` has are not made again."""
-    lines = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
-    done = {line["scene"] for line in lines}
-    kept.parent.mkdir(exist_ok=True)
-    for name in names:
-        if name in done:
-            continue
-        try:
-            options, size = Options(effects=("soft_shadow",), backend="cpu", probes=0), LARGE
-            if name.isdigit():
-                built, size = intervals.build(int(name)), SMALL
-                options = replace(options, values=built.values, seed=built.seed)
-            else:
-                open_sample(name)
-            new = [asdict(each) for each in baked_to(name, options, size)]
-        except Exception as error:
-            print(f"scene {name} failed: {error!r}", file=sys.stderr)
-            continue
-        with kept.open("a") as file:
-            file.write("".join(json.dumps(each) + "\n" for each in new or [{"scene": name}]))
-        lines += new
-    return [Reached(**line) for line in lines if "layer" in line and line["scene"] in names]
+def reached_in(name: str) -> Iterator[Reached]:
+    """Of a sample scene, or of a random one by its number."""
+    options, size = Options(effects=("soft_shadow",), backend="cpu", probes=0), LARGE
+    if name.isdigit():
+        options, size = replace(options, seed=intervals.build(int(name)).seed), SMALL
+    else:
+        open_sample(name)
+    return baked_to(name, options, size)
+
+
+def all_reached(names: Sequence[str], kept: Path = KEPT) -> list[Reached]:
+    lines = kept_lines(names, kept, lambda name: map(asdict, reached_in(name)))
+    return [Reached(**line) for line in lines]
 
 
 def section(quick: bool) -> str:
@@ -155,20 +143,21 @@ def document_of(found: list[Reached]) -> str:
             part = [each for each in found if each.target == target and each.scene.isdigit() == is_random]
             if part:
                 summary.append(_summary(part, target, is_random))
+    random = {each.scene for each in found if each.scene.isdigit()}
     views = {size: 2 * count for size, count in VIEWS.items()}
     header = ["scene", "layer", "target", "samples", "error over it", "CPU s", "deciding", "8 samples"]
     titles = ["scenes", "target", "layers", "over 1.1", "worst", "went on", ".8 to 1", "CPU over 8 samples'"]
     return "\n\n".join(
         [
             "### Targets",
-            f"Soft shadows, {LARGE[0]}x{LARGE[1]}, at most {MOST_SAMPLES} samples, default settings. The "
-            f"error is that of every pixel, by {views[LARGE]} view rays each. CPU seconds are of whole "
+            f"Soft shadows by rays, {LARGE[0]}x{LARGE[1]}, at most {MOST_SAMPLES} samples, default settings. "
+            f"The error is that of every pixel, by {views[LARGE]} view rays each. CPU seconds are of whole "
             "bakes without a report, of all lamps; deciding is rays for the pixels that are watched, and "
             "their tree where the method needs none.",
             table(header, rows),
-            f"The same beside {RANDOM_SCENES} random scenes, those of the intervals without fog, "
-            f"{SMALL[0]}x{SMALL[1]}, {views[SMALL]} view rays. Layers whose error with 4 samples is above "
-            "the target went on; of those that reached it, how many are at .8 to 1 of it.",
+            f"The same beside {len(random)} of {RANDOM_SCENES} random scenes, those of the intervals without "
+            f"fog, {SMALL[0]}x{SMALL[1]}, {views[SMALL]} view rays. Layers whose error with 4 samples is "
+            "above the target went on; of those that say they reached it, how many are at .8 to 1 of it.",
             table(titles, summary),
         ]
     )
