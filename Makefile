@@ -9,7 +9,7 @@ FIND_PYTHON := for p in python3.13 $$(ls -d $${PYENV_ROOT:-$$HOME/.pyenv}/versio
 export RUSTFLAGS := $(RUSTFLAGS) --remap-path-prefix=$(CURDIR)=strata --remap-path-prefix=$(or $(CARGO_HOME),$(HOME)/.cargo)=cargo \
 	--remap-path-prefix=$(or $(RUSTUP_HOME),$(HOME)/.rustup)=rustup
 
-.PHONY: setup demo test test-unit test-devices test-window test-interface lint bench docs extension clean
+.PHONY: setup demo test test-unit test-devices test-window test-interface lint bench report docs extension clean
 
 setup: $(VENV)/.kernels docs
 
@@ -59,6 +59,10 @@ lint: setup
 
 bench: setup
 	$(PYTHON) -m strata.scripts.bench.performance
+
+# docs/report: error against time of every sample scene.
+report: setup
+	$(PYTHON) -m strata.scripts.reports
 
 # docs/effects and the presets, from what the effects declare; no part of the repository.
 docs: $(VENV)/.kernels

@@ -9,10 +9,10 @@ def _modules() -> tuple:
     from .addon.devices import start as devices
     from .addon.engine import engine
     from .addon.ui import panels, preferences, properties
-    from .ops import bake, command, compositor, ramp, result
+    from .ops import bake, command, compositor, ramp, reporting, result
     from .ops import preview as preview_operators
 
-    operators = bake, compositor, preview_operators, ramp, result
+    operators = bake, compositor, preview_operators, ramp, reporting, result
     return devices, preferences, properties, preview, engine, *operators, panels, command
 
 

@@ -53,6 +53,9 @@ class State:
     share: float = 0.0
     doing: str = ""
     is_cancelled: bool = False  # by the panel's button
+    is_reporting: bool = False  # another Blender, error against time
+    report_doing: str = ""
+    is_report_cancelled: bool = False
     plans: dict[int, tuple[PlanRow, ...]] = field(default_factory=dict)
     warnings: dict[int, tuple[str, ...]] = field(default_factory=dict)
     outdated: set[int] = field(default_factory=set)  # scenes that have changed, and take long to read again

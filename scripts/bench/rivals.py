@@ -60,7 +60,7 @@ def run(quick: bool) -> str:
                 "soft_shadow",
                 "-q",
             ]
-            words += ["--backend", "cpu", "--samples-only", "--rivals", "cycles"]
+            words += ["--backend", "cpu", "--samples-only", "--rivals", "cycles,embree"]
             words += small or ["--samples", "2,4,8,16,32", "--repeats", "1", "--size", race.size]
             main([*words, "--lights", race.lights] if race.lights else words)
     return document(quick)
@@ -98,18 +98,10 @@ def _folder(race: Race, quick: bool) -> Path:
 
 
 def _rows(race: Race, data: dict) -> list[list[str]]:
-    curves: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
-    for point in data["points"]:
-        errors = [each["value"] for each in point["layers"].values() if "value" in each]
-        if errors and point["cpu_s"]:
-            place = point["who"], point["curve"]
-            curves.setdefault(place, []).append((max(errors), point["cpu_s"][1], point["wall_s"][1]))
     own, rows = None, []
-    for (who, curve), points in curves.items():
-        if len(points) < 2:
-            continue
+    for (who, curve), points in curves_of(data).items():
         errors = tuple(error for error, _, _ in points)
-        seconds, sign = _at_target(errors, [tuple(point[n] for point in points) for n in (1, 2)])
+        seconds, sign = at_target(errors, [tuple(point[n] for point in points) for n in (1, 2)])
         own = own or (seconds if who == OURS else None)
         ratios = (
             [sign + times(each / ours) for each, ours in zip(seconds, own, strict=True)] if own else ["", ""]
@@ -127,7 +119,18 @@ def _rows(race: Race, data: dict) -> list[list[str]]:
     return rows
 
 
-def _at_target(errors: tuple[float, ...], costs: list[tuple[float, ...]]) -> tuple[list[float], str]:
+def curves_of(data: dict) -> dict[tuple[str, str], list[tuple[float, float, float]]]:
+    """Of a report, by who and curve: the worst layer's error, CPU seconds, and seconds that passed."""
+    curves: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
+    for point in data["points"]:
+        errors = [each["value"] for each in point["layers"].values() if "value" in each]
+        if errors and point["cpu_s"]:
+            place = point["who"], point["curve"]
+            curves.setdefault(place, []).append((max(errors), point["cpu_s"][1], point["wall_s"][1]))
+    return {place: points for place, points in curves.items() if len(points) > 1}
+
+
+def at_target(errors: tuple[float, ...], costs: list[tuple[float, ...]]) -> tuple[list[float], str]:
     """Seconds of each kind, and what is before them: > of the dearest point, where none reaches the target,
     < of the cheapest, where all do."""
     if min(errors) > TARGET:

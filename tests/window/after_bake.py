@@ -71,6 +71,24 @@ def look_at_the_result(found: dict, photographs: Path, area, sidebar):
     yield 0.5
 
 
+def make_a_report(found: dict, photographs: Path, state, area):
+    """Error against time, by another Blender, of a small picture; stopped, then to its end."""
+    window, render = bpy.context.window_manager.windows[0], bpy.context.scene.render
+    before, render.resolution_percentage = render.resolution_percentage, 50
+    folder = Path(bpy.data.filepath).parent / "report"
+    for stops in (True, False):
+        with bpy.context.temp_override(window=window, area=area):
+            bpy.ops.strata.report("EXEC_DEFAULT", folder=str(folder), cycles=False)
+        yield from person.wait(lambda: "%" in state().report_doing)
+        if stops:
+            yield from person.photograph(photographs, "5c reporting")
+            bpy.ops.strata.cancel_report()
+        yield from person.wait(lambda: not state().is_reporting, 300.0)
+        found["report stopped" if stops else "report"] = sorted(path.name for path in folder.iterdir())
+        folder = folder.with_name("report 2")
+    render.resolution_percentage = before
+
+
 def quit_by_key(found: dict, result: str):
     """As somebody who has saved; what Blender asks then nobody answers."""
 

@@ -231,6 +231,7 @@ def person_at_work(found: dict):
         person.xdotool("click", 5)
     yield from person.photograph(photographs, "5 baked")
     yield from after_bake.look_at_the_result(found, photographs, area, sidebar)
+    yield from after_bake.make_a_report(found, photographs, state, area)
     found["images after more bakes"] = float_images()
     found["unsaved images"] = [image.name for image in bpy.data.images if image.is_dirty]
     for _ in range(2):  # the selection, then the bake
