@@ -52,7 +52,7 @@ def drawing(result: Result, layer: str):
 def named(who: str, curve: str, counted: str) -> str:
     """A curve in words."""
     swept = "" if counted == "samples" else " (its values)"
-    return (curve if who == OURS else f"{who}: {curve}") + swept
+    return f"{'Strata' if who == OURS else who}: {curve}{swept}"
 
 
 def page(result: Result, folder: Path) -> str:
