@@ -41,3 +41,14 @@ pub fn unit(a: Vec3) -> Option<Vec3> {
     let length = length(a);
     (length > 1e-150 && length.is_finite()).then(|| scale(a, 1.0 / length))
 }
+
+/// Two unit vectors that are perpendicular to a unit vector and to each other (Duff et al. 2017).
+pub fn tangents(n: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+    let sign = 1f64.copysign(n[2]);
+    let a = -1.0 / (sign + n[2]);
+    let b = n[0] * n[1] * a;
+    (
+        [1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]],
+        [b, sign + n[1] * n[1] * a, -n[1]],
+    )
+}

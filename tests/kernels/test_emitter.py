@@ -168,3 +168,59 @@ def test_a_line_is_sampled_along_its_length():
     # The integral of z^2 / d^4 along the line, a length of one across: 2 * int_0^1 4 / (4 + x^2)^2 dx.
     expected = 2 * (0.5 * (1 / 5 + 0.5 * math.atan(0.5)))
     np.testing.assert_allclose(weight.mean(), expected, rtol=3e-4)
+
+
+SPOTS = [
+    # kind, radius, metres away, degrees from the axis, half the cone's, blend
+    (EmitterKind.FACING_DISK, 0.6, 4.0, 0.0, 22.5, 0.15),
+    (EmitterKind.FACING_DISK, 0.6, 4.0, 21.0, 22.5, 0.15),
+    (EmitterKind.FACING_DISK, 0.6, 4.0, 28.0, 22.5, 0.15),
+    (EmitterKind.FACING_DISK, 1.0, 1.0, 40.0, 10.0, 1.0),
+    (EmitterKind.FACING_DISK, 1.0, 1.0, 0.0, 5.0, 1e-3),
+    (EmitterKind.FACING_DISK, 1.0, 0.5, 80.0, 90.0, 0.5),
+    (EmitterKind.FACING_DISK, 1.0, 0.2, 100.0, 60.0, 0.3),
+    (EmitterKind.SPHERE, 0.6, 4.0, 28.0, 22.5, 0.15),
+    (EmitterKind.SPHERE, 1.0, 1.2, 0.0, 5.0, 1e-3),
+    (EmitterKind.SPHERE, 1.0, 1.2, 50.0, 20.0, 0.3),
+    (EmitterKind.SPHERE, 1.0, 1.2, 100.0, 60.0, 0.3),
+    (EmitterKind.SPHERE, 1.0, 0.5, 100.0, 60.0, 0.3),
+    (EmitterKind.SPHERE, 1.0, 0.5, 30.0, 10.0, 0.3),
+]
+
+
+@pytest.mark.parametrize(("kind", "radius", "away", "angle", "cone", "blend"), SPOTS)
+def test_of_a_spot_only_what_shines_on_the_point_is_sampled(kind, radius, away, angle, cone, blend):
+    """And the weights' mean is the integral over all of the disk or sphere, by a million samples of it."""
+    angle, cone = math.radians(angle), math.radians(cone)
+    forward = np.array([0.48, -0.6, -0.64])
+    aside = np.cross(forward, [0.0, 0.0, 1.0])
+    aside /= np.linalg.norm(aside)
+    centre = np.array([0.3, -0.2, 1.0])
+    emitter = Emitter(kind, tuple(centre), (1, 0, 0), (0, 1, 0), tuple(forward), half_width=radius,
+                      half_height=radius, cos_cone=math.cos(cone), blend=blend)  # fmt: skip
+    point = centre + away * (math.cos(angle) * forward + math.sin(angle) * aside)
+    normal = (centre - point) / away
+    *_, weight = samples_at(emitter, point, normal, count=128)
+    generator = np.random.default_rng(1)
+    count = 1 << 20
+    if kind == EmitterKind.FACING_DISK:
+        r, phi = radius * np.sqrt(generator.random(count)), math.tau * generator.random(count)
+        first = np.cross(normal, [1.0, 0.0, 0.0])
+        first /= np.linalg.norm(first)
+        place = centre + np.outer(r * np.cos(phi), first) + np.outer(r * np.sin(phi), np.cross(normal, first))
+        spoke = place - point
+        far = np.linalg.norm(spoke, axis=1)
+        to_light = spoke / far[:, None]
+        value = np.maximum(to_light @ normal, 0) ** 2 / far**2 * np.pi * radius**2
+    else:
+        to_light = generator.normal(size=(count, 3))
+        to_light /= np.linalg.norm(to_light, axis=1)[:, None]
+        cosine = to_light @ normal
+        hits = (cosine >= math.sqrt(max(1.0 - (radius / away) ** 2, 0.0))) | (away < radius)
+        value = np.where(hits, np.maximum(cosine, 0.0) * 4.0 * np.pi, 0.0)
+    value *= radiance(emitter, to_light)
+    expected, noise = value.mean(), value.std() / math.sqrt(count)
+    assert expected > 0.0
+    # A hard rim crosses the cells of samples: their whole row at a time.
+    assert abs(weight.mean() - expected) < 4.0 * noise + (0.02 if blend < 0.01 else 0.005) * expected
+    assert (weight > 0.0).mean() > 0.2

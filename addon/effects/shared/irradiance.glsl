@@ -41,6 +41,11 @@ vec2 within_spread(float foot, float reach, float half_size)
                                           vec2(-1.0, 1.0);
 }
 
+#if (defined(FACING_DISK) || defined(SPHERE)) && !defined(SINGLE)
+#  define ROUND
+#  include "spot_part.glsl"
+#endif
+
 // Relative radiance towards the point; formulas in addon/core/emitter.py.
 float relative_radiance(vec3 direction)
 {
@@ -81,7 +86,8 @@ float irradiance_at(vec3 point, vec3 normal)
   facing = -towards;
   tangents(towards, right, up);
 #  ifndef SINGLE
-  area = PI * half_size.x * half_size.y;
+  bool is_cut = part_in_cone(towards, half_size.x > 0.0 ? distance / half_size.x : 0.0, 0.0, right, up, part);
+  area = half_size.x * half_size.y * (is_cut ? (part.y - part.x) * (part.w - part.z) : PI);
 #  endif
 #endif
 #ifdef SPHERE
@@ -92,7 +98,8 @@ float irradiance_at(vec3 point, vec3 normal)
 #  ifdef SINGLE
   area = 1.0 / (distance * distance);
 #  else
-  area = 2.0 * PI * one_minus_cosine;
+  bool is_cut = part_in_cone(towards, distance / half_size.x, one_minus_cosine, right, up, part);
+  area = 2.0 * one_minus_cosine * (is_cut ? (part.y - part.x) * (part.w - part.z) : PI);
 #  endif
 #endif
 #if defined(DISTANT_DISK) && !defined(SINGLE)
@@ -113,6 +120,9 @@ float irradiance_at(vec3 point, vec3 normal)
 #elif defined(ELLIPSE)
     vec2 at = whole ? concentric(uv) : mix(part.xz, part.yw, uv);
     weight = whole || dot(at, at) <= 1.0 ? 1.0 : 0.0;
+#elif defined(ROUND)
+    vec2 at = is_cut ? mix(part.xz, part.yw, uv) : concentric(uv);
+    weight = !is_cut || dot(at, at) <= 1.0 ? 1.0 : 0.0;
 #else
     vec2 at = concentric(uv);
 #endif

@@ -16,7 +16,7 @@ from ...core.device import RayCaster
 from ...core.emitter import Emitter, EmitterKind
 from ...core.surface import SurfacePoints
 from ...measure.in_use import InUseScore
-from . import light_truth
+from . import light_truth, spot_part
 
 # Points are lifted off their surface by this share of their distance to the eye, more than float32 rounds
 # them by; a pixel is some hundred times larger.
@@ -252,16 +252,26 @@ def _sample_area(emitter, world, square):
 
 
 def _sample_facing_disk(emitter, world, square):
+    """Of a spot's, only what can shine on the point is sampled (spot_part.py)."""
     to_centre = _column(emitter.centre) - world
-    towards = to_centre / np.maximum(_length(to_centre), 1e-30)
+    distance = np.maximum(_length(to_centre), 1e-30)
+    towards = to_centre / distance
     right, up = _across(towards)
     radius = emitter.half_width
-    area = np.pi * radius**2 if radius > 0.0 else 1.0
-    return _to_plane(to_centre, _on_disk(square) * radius, right, up, -towards, area)
+    area = np.full(distance.shape, np.pi * radius**2 if radius > 0.0 else 1.0)
+    plan = _on_disk(square)
+    if emitter.cos_cone > -1.0 and radius > 0.0:
+        part = spot_part.of_disk(emitter, towards, distance)
+        right, up = np.where(part.is_cut, part.right, right), np.where(part.is_cut, part.up, up)
+        plan = np.where(part.is_cut, part.inside(square), plan)
+        area = np.where(part.is_cut, radius**2 * part.area, area)
+    direction, far, measure = _to_plane(to_centre, plan * radius, right, up, -towards, area)
+    return direction, far, np.where(np.square(plan).sum(0) <= 1.0 + 1e-9, measure, 0.0)
 
 
 def _sample_sphere(emitter, world, square):
-    """Uniform in solid angle over the cap in sight, from inside over all directions; up to its surface."""
+    """Uniform in solid angle over the cap in sight, from inside over all directions; up to its surface. Of a
+    spot's, only what can shine on the point is sampled (spot_part.py)."""
     to_centre = _column(emitter.centre) - world
     distance = np.maximum(_length(to_centre), 1e-30)
     axis = to_centre / distance
@@ -275,15 +285,22 @@ def _sample_sphere(emitter, world, square):
     inside = sine >= 1.0
     # 1 - cos of the cap's half angle, by half-angle formulas: 2 sin(a / 2)^2.
     height = np.where(inside, 2.0, 2.0 * np.sin(0.5 * np.arcsin(np.minimum(sine, 1.0))) ** 2)
-    below = height * square[1]
-    cosine, across = 1.0 - below, np.sqrt(below * (2.0 - below))
-    angle = 2.0 * np.pi * square[0]
     right, up = _across(axis)
-    x, y = across * np.cos(angle), across * np.sin(angle)
+    plan, area = _on_disk(square), np.full(distance.shape, np.pi)
+    if emitter.cos_cone > -1.0:
+        part = spot_part.of_cap(emitter, axis, height)
+        right, up = np.where(part.is_cut, part.right, right), np.where(part.is_cut, part.up, up)
+        plan = np.where(part.is_cut, part.inside(square), plan)
+        area = np.where(part.is_cut, part.area, area)
+    share = np.square(plan).sum(0)
+    below = height * np.minimum(share, 1.0)
+    cosine = 1.0 - below
+    x, y = plan * np.sqrt(height * (2.0 - below))
+    across = np.sqrt(below * (2.0 - below))
     direction = np.stack([cosine * axis[k] + x * right[k] + y * up[k] for k in range(3)])
     chord = np.sqrt(np.maximum(radius**2 - (distance * across) ** 2, 0.0))
     far = distance * cosine + np.where(inside, chord, -chord)
-    return direction, far, np.broadcast_to(2.0 * np.pi * height, far.shape)
+    return direction, far, np.where(share <= 1.0 + 1e-9, 2.0 * height * area, 0.0)
 
 
 def _sample_distant_disk(emitter, world, square):

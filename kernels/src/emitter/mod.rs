@@ -1,5 +1,6 @@
 //! A light reduced to what shadows need. Twin of `addon/core/emitter.py`.
 
+mod cone;
 mod python;
 mod sample;
 mod shape;

@@ -2,9 +2,10 @@
 
 #![allow(clippy::needless_range_loop)] // a lane is the same index in several arrays
 
+use super::cone::part_in_cone;
 use super::shape::{Emitter, EmitterKind};
 use crate::simd::{LANES, Lanes};
-use crate::vector::{dot, length};
+use crate::vector::{dot, length, tangents};
 use std::f32::consts::FRAC_PI_4;
 
 /// Where samples fall.
@@ -18,11 +19,13 @@ enum Support {
         disk: bool,
         inside_disk: bool,
     },
-    /// The cap of a sphere that is in sight: 1 - cosine of its half angle, radius, distance of the centre.
+    /// The cap of a sphere that is in sight: 1 - cosine of its half angle, radius, distance of the centre, and the part
+    /// of the unit disk that it is mapped from, or all.
     Cap {
         one_minus_cosine: f32,
         radius: f32,
         distance: f32,
+        part: Option<[f32; 4]>,
     },
     /// Directions: tangent of the half angle.
     Distant { tangent: f32 },
@@ -78,17 +81,6 @@ fn min(a: f32, b: f32) -> f32 {
 #[inline(always)]
 fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
-}
-
-/// Two unit vectors that are perpendicular to a unit vector and to each other (Duff et al. 2017).
-fn tangents(n: [f64; 3]) -> ([f64; 3], [f64; 3]) {
-    let sign = 1f64.copysign(n[2]);
-    let a = -1.0 / (sign + n[2]);
-    let b = n[0] * n[1] * a;
-    (
-        [1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]],
-        [b, sign + n[1] * n[1] * a, -n[1]],
-    )
 }
 
 impl Emitter {
@@ -147,10 +139,14 @@ impl Emitter {
             EmitterKind::FacingDisk => {
                 facing = opposite(towards);
                 (right, up) = tangents(towards);
-                (
-                    plane(half, whole, true, false),
-                    std::f64::consts::PI * half[0] * half[1],
-                )
+                if let Some(found) = part_in_cone(self, towards, distance, 0.0) {
+                    (right, up) = (found.right, found.up);
+                    let support = plane(half, found.bounds, false, true);
+                    (support, half[0] * half[1] * area_of(found.bounds))
+                } else {
+                    let area = std::f64::consts::PI * half[0] * half[1];
+                    (plane(half, whole, true, false), area)
+                }
             }
             EmitterKind::Sphere => {
                 // The half angle from its sine: exact for the smallest spheres. From inside, all directions.
@@ -162,12 +158,19 @@ impl Emitter {
                 };
                 (right, up) = tangents(towards);
                 middle = towards;
+                let mut area = std::f64::consts::PI;
+                let part = part_in_cone(self, towards, distance, one_minus_cosine).map(|found| {
+                    (right, up) = (found.right, found.up);
+                    area = area_of(found.bounds);
+                    found.bounds.map(|x| x as f32)
+                });
                 let cap = Support::Cap {
                     one_minus_cosine: one_minus_cosine as f32,
                     radius: half[0] as f32,
                     distance: distance as f32,
+                    part,
                 };
-                (cap, std::f64::consts::TAU * one_minus_cosine)
+                (cap, 2.0 * one_minus_cosine * area)
             }
             EmitterKind::DistantDisk => {
                 middle = opposite(self.forward);
@@ -242,6 +245,12 @@ fn opposite(v: [f64; 3]) -> [f64; 3] {
     [-v[0], -v[1], -v[2]]
 }
 
+/// Of a box (left, right, bottom, top).
+#[inline(always)]
+fn area_of(part: [f64; 4]) -> f64 {
+    (part[1] - part[0]) * (part[3] - part[2])
+}
+
 #[inline(always)]
 fn plane(half: [f64; 2], part: [f64; 4], disk: bool, inside_disk: bool) -> Support {
     Support::Plane {
@@ -278,21 +287,30 @@ impl SeenEmitter {
     #[inline(always)]
     pub fn sample(&self, normal: [f32; 3], u: &Lanes, v: &Lanes, out: &mut Samples) {
         let mut disk = [[0.0; LANES]; 2];
-        if !matches!(self.support, Support::Plane { disk: false, .. }) {
+        if self.part().is_none() {
             disk = on_disk(u, v);
         }
         self.aim(u, v, &disk, out);
         self.face(normal, out);
     }
 
+    /// What of a plane or of the unit disk is sampled evenly; None for all of a disk.
+    #[inline(always)]
+    fn part(&self) -> Option<[f32; 4]> {
+        match self.support {
+            Support::Plane {
+                part, disk: false, ..
+            } => Some(part),
+            Support::Cap { part, .. } => part,
+            _ => None,
+        }
+    }
+
     /// The first half of `sample`, which no normal takes part in: `disk` is `u`, `v` on the unit disk.
     #[inline(always)]
     pub fn aim(&self, u: &Lanes, v: &Lanes, disk: &[Lanes; 2], out: &mut Samples) {
         let [mut x, mut y] = *disk;
-        if let Support::Plane {
-            part, disk: false, ..
-        } = self.support
-        {
+        if let Some(part) = self.part() {
             for lane in 0..LANES {
                 x[lane] = part[0] + (part[1] - part[0]) * u[lane];
                 y[lane] = part[2] + (part[3] - part[2]) * v[lane];
@@ -326,6 +344,7 @@ impl SeenEmitter {
                 one_minus_cosine,
                 radius,
                 distance,
+                part,
             } => {
                 // To the near side of the sphere; from inside, to the only side.
                 let side = if distance > radius { -1.0 } else { 1.0 };
@@ -340,7 +359,8 @@ impl SeenEmitter {
                     let square = versine * (2.0 - versine) * distance * distance;
                     let half_chord = max(radius * radius - square, 0.0).sqrt();
                     out.distance[lane] = max(distance * cosine + side * half_chord, 0.0);
-                    out.weight[lane] = 1.0;
+                    let there = part.is_none() | (x[lane] * x[lane] + y[lane] * y[lane] <= 1.0);
+                    out.weight[lane] = if there { 1.0 } else { 0.0 };
                 }
             }
             Support::Distant { tangent } => {

@@ -19,12 +19,12 @@ UP = np.array([0.0, 0.0, 1.0])
 class Rays:
     """The kernels' tree over the plates; `origin` need not be the points' eye."""
 
-    def __init__(self, origin):
+    def __init__(self, origin, aside=(0.0, 0.0, 0.0)):
         geometry = kernels.Geometry()
         geometry.add_material()
         for plate in PLATES:
             mesh = geometry.add_mesh(
-                plate.astype(np.float32), np.arange(4, dtype=np.int32), np.array([0, 4], np.int32)
+                (plate + aside).astype(np.float32), np.arange(4, dtype=np.int32), np.array([0, 4], np.int32)
             )
             geometry.add_instance(mesh, np.eye(4), 0, [0])
         self.origin = np.array(origin, np.float64)
@@ -124,3 +124,61 @@ def test_two_thousand_probes_take_less_than_a_second():
         evaluate(rays, light, None, surface)
         seconds.append(time.process_time() - started)
     assert min(seconds) < 1.0
+
+
+@pytest.mark.parametrize("kind", [EmitterKind.FACING_DISK, EmitterKind.SPHERE])
+def test_few_rays_to_a_wide_spot_are_right_at_its_rim(kind):
+    """By the truth and by the kernel: rays that miss the sliver of a lamp that shines on a point know nothing
+    of its visibility. Against very many, none of which is aimed."""
+    radius, centre, cone = 0.8, np.array([0.0, 0.0, 3.0]), 0.35
+    light = Emitter(kind, tuple(centre), (1, 0, 0), (0, 1, 0), (0, 0, -1), half_width=radius,
+                    half_height=radius, cos_cone=np.cos(cone), blend=0.3)  # fmt: skip
+    across = 3.0 * np.tan(cone)
+    x = np.linspace(across, across + 0.5, 64)
+    points = np.column_stack([x, 0.3 * np.sin(40.0 * x), np.zeros(64)])
+    up = np.tile(UP, (64, 1)).astype(np.float32)
+    surface = SurfacePoints((points - EYE).astype(np.float32), up, up, EYE)
+    rays, generator = Rays([0, 0, 1], (0.5, 0.0, 0.0)), np.random.default_rng(3)
+    plain, count = np.zeros((64, 2)), 1 << 15
+    for number, point in enumerate(points):
+        towards = (centre - point) / np.linalg.norm(centre - point)
+        first = np.cross(towards, [0.0, 1.0, 0.0])
+        first /= np.linalg.norm(first)
+        second = np.cross(towards, first)
+        far = np.linalg.norm(centre - point)
+        if kind == EmitterKind.FACING_DISK:
+            r, phi = radius * np.sqrt(generator.random(count)), 2.0 * np.pi * generator.random(count)
+            spoke = centre - point + np.outer(r * np.cos(phi), first) + np.outer(r * np.sin(phi), second)
+            reach = np.linalg.norm(spoke, axis=1)
+            direction = spoke / reach[:, None]
+            weight = direction @ towards / reach**2
+        else:
+            cosine = 1.0 - generator.random(count) * (1.0 - np.sqrt(1.0 - (radius / far) ** 2))
+            phi, sine = 2.0 * np.pi * generator.random(count), np.sqrt(1.0 - cosine**2)
+            direction = np.outer(cosine, towards) + np.outer(sine * np.cos(phi), first)
+            direction += np.outer(sine * np.sin(phi), second)
+            weight, reach = np.ones(count), np.full(count, far - radius)
+        edge = np.clip((direction[:, 2] - np.cos(cone)) / ((1.0 - np.cos(cone)) * 0.3), 0.0, 1.0)
+        weight = weight * direction[:, 2] * edge * edge * (3.0 - 2.0 * edge)
+        origins = np.tile((point - rays.origin).astype(np.float32), (count, 1))
+        through = rays.transmittance(None, origins, direction.astype(np.float32), reach.astype(np.float32))
+        plain[number] = (weight * through).sum(), weight.sum()
+    whole = plain[:, 1].sum()
+    expected = plain[:, 0] / np.maximum(plain[:, 1], 1e-12)
+    assert 0.1 < plain[:, 0].sum() / whole < 0.9
+    halves, _ = evaluate(rays, light, None, surface, 4, 5)
+    number = np.arange(64, dtype=np.uint32)
+    traced = np.mean(
+        [
+            kernels.ray_visibility(
+                rays.accel, None, light.packed(), EYE, surface.position, up, up, 4, seed, number
+            )[0]
+            for seed in range(64)
+        ],
+        axis=0,
+    )
+    lit = plain[:, 1] > 1e-4 * plain[:, 1].max()
+    for found, noise in ((halves.mean(axis=1), 0.25), (traced, 0.1)):
+        off = (plain[:, 1] * (found - expected))[lit]
+        assert abs(off.sum()) / whole < 0.05  # a ratio of four rays has some bias; unaimed .2 and more
+        assert np.abs(found - expected)[lit].mean() < noise
