@@ -123,7 +123,7 @@ def check_a_session(backend, archive, display, tmp_path):
     assert found["images after opening"] == found["images"]
     assert found["is gone"]
     assert found["quits without a question"]
-    assert len(list(photographs.glob("*.png"))) == 17
+    assert len(list(photographs.glob("*.png"))) == 18
 
 
 def check_texts(photographs: Path) -> None:
