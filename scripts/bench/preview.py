@@ -20,12 +20,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 import strata_kernels
+from strata.addon.bake import BakeJob, read_scene
 from strata.addon.core.arrays import MeshArrays
 from strata.addon.devices.gpu import GpuDevice
 from strata.addon.devices.gpu_meshes import GpuMeshes
-from strata.addon.planning import Options, plan_scene
-from strata.addon.scene.open import choose, open_blend
-from strata.addon.scene.scan import ScanOptions, scan
+from strata.addon.planning import Options
+from strata.addon.scene.open import open_blend
 from strata.ops.tracing import frames_table
 from strata.scripts.bench.document import ROOT, milliseconds, significant, table, times, write_block
 from strata.scripts.bench.real_gpu import work_of
@@ -175,12 +175,14 @@ def upload_text() -> str:
 def real_gpu_text() -> str:
     """What a frame at full size would move and compute."""
     open_blend(SCENE)
-    choose()
-    found = scan(bpy.context.evaluated_depsgraph_get(), ScanOptions(size=SIZE))
-    options = Options(("soft_shadow",), composite=True, samples=1, probes=0)
-    graph = plan_scene(found.outline, found.shot, options)
-    nodes = graph.nodes()
-    works = list(work_of(found.outline, graph, nodes))
+    scene = bpy.context.scene
+    on_gpu = {"soft_shadow": {"method": "bitmask"}}  # what automatic is there
+    options = Options(("soft_shadow",), backend="cpu", composite=True, samples=1, probes=0, values=on_gpu)
+    *read, seconds = read_scene(scene, scene.view_layers[0], options, size=SIZE)
+    job = BakeJob(*read, options, read_seconds=seconds)
+    job.result()  # by then it has had a closer look
+    outline, graph = job.outline, job.graph
+    works = list(work_of(outline, graph, graph.nodes()))
     by_step: dict[str, list] = {}
     for work in works:
         by_step.setdefault(work.step, []).append(work)
