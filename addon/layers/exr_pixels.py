@@ -1,6 +1,7 @@
 """Pixels of OpenEXR files, as renders and bakes write them.
 
-By hand, for the reasons that openexr.py writes by hand for.
+By hand, for the reasons that openexr.py writes by hand for; what is compressed in other ways than it writes
+is read by OpenImageIO, where that is there.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import StrataError
+from . import openimageio
 from .exr_header import PartHeader, header_of
 
 _ROWS = {0: 1, 2: 1, 3: 16}
@@ -21,13 +23,12 @@ _TYPES = ("<u4", "<f2", "<f4")
 
 def read_pixels(path: Path) -> dict[str, np.ndarray]:
     """(height, width) float32 by channel's full name, row 0 at the bottom. Raises StrataError for a file that
-    is not there, is none of OpenEXR, has anything but scan lines with ZIP or without compression, or is cut
-    off."""
+    is not there, is none of OpenEXR, or is cut off; and, where OpenImageIO is not there, for one that has
+    anything but scan lines with ZIP or without compression."""
     header = header_of(path)
+    if any(part.is_tiled or part.compression not in _ROWS for part in header.parts):
+        return openimageio.read_planes(path)
     data = path.read_bytes()
-    for part in header.parts:
-        if part.is_tiled or part.compression not in _ROWS:
-            raise StrataError(f"cannot read {path}: only scan lines with ZIP or without compression are read")
     lead = 12 if header.is_multi_part else 8  # a block's part, its row, its bytes
     start, planes = header.end, {}
     try:

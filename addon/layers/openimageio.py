@@ -1,4 +1,5 @@
-"""Writes the EXR files that need OpenImageIO: DWAA, whose transform nobody should write twice.
+"""Writes and reads the EXR files that need OpenImageIO: DWAA, whose transform nobody should write twice, and
+whatever else others write.
 
 Blender's own builds bring it for Python, the pip module without a path to it; Debian has it as
 python3-openimageio.
@@ -45,6 +46,31 @@ def library() -> ModuleType:
             "take ZIP, or install it (Debian: python3-openimageio)"
         ) from None
     return module
+
+
+def read_planes(path: Path) -> dict[str, np.ndarray]:
+    """(height, width) float32 of all parts by channel's full name, row 0 at the bottom. Raises StrataError
+    where there is no library, for a file that it cannot read, and for parts that have the same channels."""
+    try:
+        oiio = library()
+    except StrataError:
+        told = "without OpenImageIO only scan lines with ZIP or without compression are read"
+        raise StrataError(f"cannot read {path}: {told}") from None
+    source, planes = oiio.ImageInput.open(str(path)), {}
+    number = 0
+    while source and source.seek_subimage(number, 0):
+        names = source.spec().channelnames
+        pixels = source.read_image(number, 0, 0, len(names), "float")
+        if pixels is None:
+            source.geterror()
+            raise StrataError(f"{path} is no whole OpenEXR file")
+        if twice := planes.keys() & set(names):
+            raise StrataError(f"cannot read {path}: two of its parts have a channel {min(twice)}")
+        planes |= {name: pixels[::-1, :, index] for index, name in enumerate(names)}
+        number += 1
+    if not planes:
+        raise StrataError(f"cannot read {path}: {oiio.geterror() or 'OpenImageIO gives no reason'}")
+    return planes
 
 
 def write_parts(path: str, parts: list[Part]) -> None:

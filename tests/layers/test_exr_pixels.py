@@ -6,6 +6,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from strata.addon.core.errors import StrataError
+from strata.addon.layers import openimageio
 from strata.addon.layers.exr_pixels import read_pixels
 
 
@@ -40,10 +41,34 @@ def test_pixels_are_those_that_the_library_wrote(tmp_path, parts, compression, d
         assert np.array_equal(found[name], plane[::-1])
 
 
-def test_others_are_refused_in_one_line(tmp_path):
+@pytest.mark.parametrize("parts", [1, 3])
+def test_others_are_read_by_another_library(tmp_path, parts):
+    plain, other = tmp_path / "plain.exr", tmp_path / "other.exr"
+    written(plain, parts)
+    written(other, parts, OpenEXR.PIZ_COMPRESSION)
+    expected, found = read_pixels(plain), read_pixels(other)
+    assert expected.keys() == found.keys()
+    for name, plane in expected.items():
+        np.testing.assert_array_equal(found[name], plane)
+
+
+def test_others_are_refused_in_one_line_without_it(tmp_path, monkeypatch):
     path = tmp_path / "other.exr"
     written(path, 1, OpenEXR.PIZ_COMPRESSION)
+
+    def none() -> None:
+        raise StrataError("there is none")
+
+    monkeypatch.setattr(openimageio, "library", none)
     with pytest.raises(StrataError, match="only scan lines with ZIP or without compression"):
+        read_pixels(path)
+
+
+def test_others_that_are_cut_off_are_refused(tmp_path):
+    path = tmp_path / "cut.exr"
+    written(path, 1, OpenEXR.PIZ_COMPRESSION)
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(StrataError, match=r"no whole OpenEXR file|cannot read"):
         read_pixels(path)
 
 
