@@ -179,6 +179,7 @@ SPOTS = [
     (EmitterKind.FACING_DISK, 1.0, 1.0, 0.0, 5.0, 1e-3),
     (EmitterKind.FACING_DISK, 1.0, 0.5, 80.0, 90.0, 0.5),
     (EmitterKind.FACING_DISK, 1.0, 0.2, 100.0, 60.0, 0.3),
+    (EmitterKind.FACING_DISK, 1.0, 1.0, 100.0, 85.0, 0.3),
     (EmitterKind.SPHERE, 0.6, 4.0, 28.0, 22.5, 0.15),
     (EmitterKind.SPHERE, 1.0, 1.2, 0.0, 5.0, 1e-3),
     (EmitterKind.SPHERE, 1.0, 1.2, 50.0, 20.0, 0.3),

@@ -1,7 +1,7 @@
 // Which part of a spot's disk or sphere shines on a point; twin of kernels/src/emitter/cone.rs, which says why.
 
 const float GUARD = 1e-4;
-const float WHOLE = 3.0;
+const float LARGEST_PART = 3.0;
 
 // Angles are (sine, cosine): GPUs' inverse functions are a thousand times coarser than their arithmetic.
 vec2 plus(vec2 a, vec2 b)
@@ -14,9 +14,10 @@ vec2 minus(vec2 a, vec2 b)
   return plus(a, vec2(-b.x, b.y));
 }
 
-float in_plane(vec2 angle, float distance)
+// Where a ray at an angle to the way meets the plane, or `beyond`, which it runs away from.
+float in_plane(vec2 angle, float distance, float beyond)
 {
-  return angle.y > 0.0 ? distance * angle.x / angle.y : sign(angle.x) * LARGEST;
+  return angle.y > 0.0 ? distance * angle.x / angle.y : beyond;
 }
 
 float half_sine(vec2 angle)
@@ -28,8 +29,9 @@ float half_sine(vec2 angle)
 // within the cone where distance cos a - x sin a >= cos c sqrt(distance^2 + x^2 + y^2).
 vec4 part_of_disk(vec2 angle, vec2 cone, float distance)
 {
-  float left = clamp(-in_plane(plus(cone, angle), distance) - GUARD, -1.0, 1.0);
-  float right = clamp(in_plane(minus(cone, angle), distance) + GUARD, left, 1.0);
+  vec2 inner = minus(cone, angle); // -180 to 90 degrees; their sum is 0 to 270
+  float left = clamp(-in_plane(plus(cone, angle), distance, LARGEST) - GUARD, -1.0, 1.0);
+  float right = clamp(in_plane(inner, distance, inner.x > 0.0 ? LARGEST : -LARGEST) + GUARD, left, 1.0);
   float nearest = left < 0.0 && 0.0 < right ? 0.0 : min(abs(left), abs(right));
   float half_side = sqrt(max(1.0 - nearest * nearest, 0.0));
   if (cone.y > 1e-6) {
@@ -83,7 +85,7 @@ bool part_in_cone(vec3 towards, float radii, float one_minus_cosine, inout vec3 
   vec4 found = part_of_disk(angle, cone, radii);
   float side = 1.0;
 #endif
-  if ((found.y - found.x) * (found.w - found.z) > WHOLE) {
+  if ((found.y - found.x) * (found.w - found.z) > LARGEST_PART) {
     return false;
   }
   if (sine > 1e-6) {

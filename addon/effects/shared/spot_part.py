@@ -15,7 +15,7 @@ from ...core.emitter import Emitter
 
 GUARD = 1e-4
 """Of the radius: wider by this than the cone."""
-MOST = 3.0
+LARGEST_PART = 3.0
 """Of a larger area, all of the disk is sampled."""
 
 
@@ -35,7 +35,7 @@ class Part:
 
     @property
     def is_cut(self) -> np.ndarray:
-        return self.area <= MOST
+        return self.area <= LARGEST_PART
 
     def inside(self, squares: np.ndarray) -> np.ndarray:
         """(2, S, N) of `squares` in [0, 1)."""

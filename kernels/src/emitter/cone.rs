@@ -7,8 +7,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Wider by this than the cone, since samples are rounded; in shares of the radius.
 const GUARD: f64 = 1e-4;
-/// A box of this area holds so much of the unit disk that samples spread over all of it are spread better.
-const WHOLE: f64 = 3.0;
+/// A box of a larger area holds so much of the unit disk that samples spread over all of that are spread better.
+const LARGEST_PART: f64 = 3.0;
 
 /// `bounds` (left, right, bottom, top) of what shines, along `right` and `up`, as shares of a disk's radius, or on the
 /// unit disk that a sphere's cap is mapped from. Nothing outside of them does.
@@ -28,7 +28,7 @@ pub fn part_in_cone(
     one_minus_cosine: f64,
 ) -> Option<Part> {
     let (radius, f) = (emitter.half_width, emitter.forward);
-    if emitter.cos_cone <= -1.0 || radius.is_nan() || radius <= 0.0 || distance.is_nan() || distance <= 0.0 {
+    if emitter.cos_cone <= -1.0 || !(radius > 0.0 && distance > 0.0 && distance.is_finite()) {
         return None;
     }
     // The angle between the spot's axis and the way from its middle to the point.
@@ -43,7 +43,7 @@ pub fn part_in_cone(
         on_cap(angle, cone, one_minus_cosine)
     };
     let [left, right, bottom, top] = bounds;
-    if (right - left) * (top - bottom) > WHOLE {
+    if (right - left) * (top - bottom) > LARGEST_PART {
         return None;
     }
     // Of a disk what shines lies away from where the spot points, of a sphere that which looks there.
@@ -72,22 +72,23 @@ fn on_disk(angle: f64, cone: f64, distance: f64) -> [f64; 4] {
     };
     let left = (-reach(cone + angle) - GUARD).clamp(-1.0, 1.0);
     let right = (reach(cone - angle) + GUARD).clamp(left, 1.0);
-    let (s, c) = (angle.sin(), angle.cos());
-    let square = |x: f64| ((distance * c - x * s) / cone.cos()).powi(2) - distance * distance - x * x;
-    let mut largest = square(left).max(square(right));
-    let bend = (s / cone.cos()).powi(2) - 1.0;
-    let top = distance * c * s / (cone.cos().powi(2) * bend);
-    if bend < 0.0 && left < top && top < right {
-        largest = square(top);
-    }
     let nearest = if left < 0.0 && 0.0 < right {
         0.0
     } else {
         left.abs().min(right.abs())
     };
-    let chord = (1.0 - nearest * nearest).max(0.0).sqrt();
-    // Not a number where the cone is a plane: no bound then.
-    let half = chord.min(largest.max(0.0).sqrt() + GUARD);
+    let mut half = (1.0 - nearest * nearest).max(0.0).sqrt();
+    if cone.cos() > 1e-6 {
+        let (s, c) = (angle.sin() / cone.cos(), angle.cos() / cone.cos());
+        let square = |x: f64| (distance * c - x * s).powi(2) - distance * distance - x * x;
+        let mut largest = square(left).max(square(right));
+        let bend = s * s - 1.0;
+        let top = distance * c * s / bend;
+        if bend < 0.0 && left < top && top < right {
+            largest = square(top);
+        }
+        half = half.min(largest.max(0.0).sqrt() + GUARD);
+    }
     [left, right, -half, half]
 }
 

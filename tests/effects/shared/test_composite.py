@@ -66,6 +66,15 @@ def emitters() -> dict[str, Emitter]:
     found["spread"] = replace(wide, tan_half_spread=0.7)
     found["elliptic spread"] = replace(wide, kind=EmitterKind.ELLIPSE, tan_half_spread=0.7)
     found["spot"] = replace(wide, kind=EmitterKind.SPHERE, half_height=0.6, cos_cone=0.8, blend=0.3)
+    found["spot from behind"] = replace(
+        wide,
+        kind=EmitterKind.FACING_DISK,
+        forward=(0.0, -0.98, 0.199),
+        half_width=2.0,
+        half_height=2.0,
+        cos_cone=0.09,
+        blend=0.3,
+    )
     found["hard spot"] = replace(wide, kind=EmitterKind.FACING_DISK, half_height=0.6, cos_cone=0.8)
     return found
 
