@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 from .bake import BakeJob, read_job
-from .core.errors import Cancelled
+from .core.errors import Cancelled, one_line
 from .job import run_to_end
-from .measure.target import samples_in
+from .measure.target import missed_in, samples_in, told_missed
 from .planning import Options
 
 STAGE = "Choosing samples"
@@ -29,12 +29,15 @@ def sequence_samples(
     camera=None,
     size=None,
     show: Callable[[float, str], None] | None = None,
+    warn: Callable[[str], None] = lambda _: None,
 ) -> dict[str, int]:
     """By layer's name the most samples that some frames of the scene's range need: the same ones whichever
     `frames` are baked, so that machines that make other chunks choose alike. Empty where the first frame that
     is baked may choose for all: of a scene that cannot change, or where a time is set, which is a frame's;
     and where a single one is baked, since others would cost more than it. What else there is is as in
-    `read_job`; `show` is told the share done, and may raise to stop. Only on the main thread.
+    `read_job`; `show` is told the share done, and may raise to stop; `warn` is told of a frame that no
+    samples could be chosen by, and of layers that miss their targets there where nothing is measured
+    afterwards. Only on the main thread.
     """
     from .scene.changing import may_change
 
@@ -49,6 +52,7 @@ def sequence_samples(
     if options.time_budget_s or (options.own_targets == {} and not options.aim):
         return {}  # told without reading anything
     found: dict[str, int] = {}
+    missed: dict[int, list[str]] = {}
     looked = looked_at(first, last)
     for number, frame in enumerate(looked):
 
@@ -66,10 +70,14 @@ def sequence_samples(
             report = run_to_end(job, show=show_all).layers.report
         except Cancelled:
             raise
-        except Exception:
-            continue  # told by the bake of that frame
+        except Exception as error:  # its own bake may yet succeed
+            warn(f"no samples are chosen by frame {frame}: {one_line(error)}")
+            continue
+        missed[frame] = missed_in(report)
         for name, samples in samples_in(report).items():
             found[name] = max(found.get(name, 0), samples)
+    if options.probes == 0 and (words := told_missed(missed)):  # else the frames' own bakes tell
+        warn(words)
     return found
 
 

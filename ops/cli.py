@@ -158,6 +158,10 @@ def _sequences(arguments: argparse.Namespace, chosen, options_of, interrupts: In
         left = (time.monotonic() - started) * (1.0 - share) / share if share > 0.02 else None
         progress.show(share, stage, left)
 
+    def warn(words: str) -> None:
+        if not arguments.quiet:
+            print(f"strata: {words}", file=sys.stderr, flush=True)
+
     where = options_of, chosen.frames, _camera(chosen), arguments.size, show
     try:
         layers = {
@@ -166,7 +170,7 @@ def _sequences(arguments: argparse.Namespace, chosen, options_of, interrupts: In
         }
         if arguments.command == "bake" and not arguments.chosen:
             for view_layer in chosen.view_layers:
-                if found := sequence_samples(chosen.scene, view_layer, *where):
+                if found := sequence_samples(chosen.scene, view_layer, *where, warn):
                     arguments.chosen[view_layer.name] = found
         return layers
     finally:
@@ -217,6 +221,7 @@ def _bake(arguments: argparse.Namespace, out: TextIO, interrupts: Interrupts) ->
                     raise
                 print(f"strata: frame {frame}: {one_line(error)}", file=sys.stderr, flush=True)
                 failed.append(frame)
+                arguments.tracing.forget()
     if (words := told_missed(arguments.missed)) and len(chosen.frames) > 1 and not arguments.quiet:
         print(f"strata: {words}", file=sys.stderr, flush=True)
     if failed:
@@ -262,6 +267,7 @@ def _bake_frame(
         if baked is not None:
             bakes.append(baked)
     if not bakes:
+        arguments.tracing.forget()
         return
     arguments.tracing.observer.stage("Writing")
     _write(arguments, frame, bakes)

@@ -58,10 +58,12 @@ def read_plan(
 
 def uncounted(graph: Graph, given: Mapping[str, Iterable[str]]) -> list[str]:
     """A line for each parameter that was `given`, by effect, and changes nothing with the others that a
-    plan's layers have."""
+    plan's layers have; and for each effect of those that makes no layer."""
     lines = []
     for effect_id, names in given.items():
         made = [layer.params for layer in graph.layers if layer.effect == effect_id and layer.params]
+        if not made and graph.layers:
+            lines.append(f"--set of {effect_id} changes nothing: it makes no layer here")
         for spec in made[0].specs() if made else ():
             counts = any(spec.used_when.holds(params.__getattribute__) for params in made)
             if spec.name in names and not counts:

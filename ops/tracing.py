@@ -30,12 +30,17 @@ class Tracing:
         if self._target is None:
             return
         trace, path = self.observer, self._target.path(frame)
-        self.observer = Trace()
+        self.forget()
         lines = written(trace, path, frame=frame)
         if out:
             for line in ["", *lines, f"wrote {path}"]:
                 print(line, file=out)
             out.flush()
+
+    def forget(self) -> None:
+        """What was traced up to now."""
+        if self._target is not None:
+            self.observer = Trace()
 
 
 def written(trace: Trace, path: str | Path, **more: Any) -> list[str]:

@@ -33,7 +33,7 @@ Error against time of each scene in [sample_blends](../../sample_blends), writte
 all. "Worst" is the layer that is furthest off of those that multiply; seconds are CPU seconds of all
 cores for an error of {TARGET:g} of it, straight lines between points on logarithmic axes (<: the cheapest
 point is nearer than that already, >: the dearest is not). p and floor: error² = (a · N^-p)² + floor² over
-samples N. Rivals make the shadows alone, of all lamps.
+samples N. Rivals make the shadows alone, of all lamps; Embree takes all leaves for whole.
 """
 
 
@@ -46,6 +46,7 @@ def made(scene: Path) -> None:
         sys.exit(code)
     plots = sorted((kept / PLOTS).glob("*.svg"), key=lambda path: path.stem != WORST.replace(" ", "_"))
     if not plots:  # nothing of the scene is measured
+        shutil.rmtree(documents, ignore_errors=True)
         return
     documents.mkdir(parents=True, exist_ok=True)
     for name in (PAGE, DATA, TABLE):
@@ -62,13 +63,16 @@ def index() -> str:
         scene = path.parent.name
         link = f"[{scene}]({scene}/{PAGE})"
         rows += [[link if not number else "", *row] for number, row in enumerate(_rows(data))]
+    there = {path.parent.name for path in DOCUMENTS.glob(f"*/{DATA}")}
+    missing = [each.stem for each in sorted(SAMPLES.glob("*.blend")) if each.stem not in there]
+    told = [f"Not here, as nothing of them was measured: {', '.join(missing)}."] if missing else []
     header = ["scene", "who", "errors of the worst", f"CPU s at {TARGET:g}", "over ours", "p", "floor"]
     plots = [
         f"![{scene.name}: error against time]({scene.name}/{PLOT})"
         for scene in sorted(DOCUMENTS.iterdir())
         if (scene / PLOT).is_file()
     ]
-    return "\n\n".join([HEAD.rstrip(), table(header, rows), "; ".join(machines) + ".", *plots]) + "\n"
+    return "\n\n".join([HEAD.rstrip(), table(header, rows), "; ".join(machines) + ".", *told, *plots]) + "\n"
 
 
 def _rows(data: dict) -> list[list[str]]:

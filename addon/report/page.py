@@ -12,6 +12,7 @@ from .judge import IMAGES
 from .picture import SHOWN
 from .plot import Mark, log_log
 from .result import WORST, Point, Result
+from .rivals.registry import RIVALS
 from .setting import OURS
 
 ACROSS = "CPU seconds, all cores, everything counted"
@@ -83,6 +84,7 @@ def _about(result: Result) -> str:
     words = [f"frame {told['frame']}", f"view layer {told['view_layer']}", f"seed {told['seed']}"]
     if told["size"]:
         words.append("{}x{}".format(*told["size"]))
+    there = {point.setting.who for point in result.points}
     machine = "; ".join(f"{key} {value}" for key, value in result.environment.items())
     return (
         f"<p>{html.escape(', '.join(words))}. {html.escape(machine)}.</p>"
@@ -90,9 +92,10 @@ def _about(result: Result) -> str:
         "root mean square over the pixels. What layers should be is found once by rays through every "
         "pixel's footprint, and is the same for all; bars are 95% intervals. Times are of whole runs "
         "that measure nothing: reading the scene, maps, trees, samples; the median of the repeats, "
-        "bars from the least to the most. Filled: none is both cheaper and nearer (Pareto's front). A "
-        "rival's shadow is its lamp's light over the same without shadow, whose time is not "
-        "counted.</p>"
+        "bars from the least to the most. Filled: none is both cheaper and nearer (Pareto's front).</p>"
+        + "".join(
+            f"<p>{html.escape(f'{rival.title}: {rival.told}')}</p>" for rival in RIVALS if rival.id in there
+        )
     )
 
 

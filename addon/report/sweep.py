@@ -126,9 +126,12 @@ class Sweep:
             for rival in self.rivals:
                 if reason := (rival.why_not() if case else "no lamp's shadow is measured in a way it can be"):
                     self.warnings.append(f"{rival.title} is not here: {reason}")
-                else:
-                    running[rival.id] = rival
+                    continue
+                try:
                     self.settings += rival.settings(case)
+                    running[rival.id] = rival
+                except StrataError as error:
+                    self.warnings.append(f"{rival.title} is not here: {one_line(error)}")
             rounds = range(asked.repeats + 1)
             self._todo = [
                 (setting, number)

@@ -107,6 +107,15 @@ def bake_button(layout: bpy.types.UILayout, context) -> None:
     row.operator("strata.bake", icon="RENDER_STILL")
 
 
+def report_under_way(layout: bpy.types.UILayout) -> None:
+    """By another Blender; nothing where there is none."""
+    if not STATE.is_reporting:
+        return
+    row = layout.row(align=True)
+    row.label(text=f"Report: {STATE.report_doing}", icon="TIME")
+    row.operator("strata.cancel_report", text="", icon="X")
+
+
 def bake_settings(layout: bpy.types.UILayout, context) -> None:
     settings = context.scene.strata
     column = layout.column()

@@ -153,16 +153,7 @@ def error_plot(layout: bpy.types.UILayout, context) -> None:
     column.template_icon(icon_value=plot.plot_icon(scene), scale=9.0)
     _ends(column, f"{100.0 * up[0]:.2g}%", "")
     _ends(column, f"{across[0]:.2g} s", f"{across[1]:.2g} s")
-    report_button(layout)
-
-
-def report_button(layout: bpy.types.UILayout) -> None:
-    if not STATE.is_reporting:
-        layout.operator("strata.report", text="Report...", icon="GRAPH")
-        return
-    row = layout.row(align=True)
-    row.label(text=STATE.report_doing, icon="TIME")
-    row.operator("strata.cancel_report", text="", icon="X")
+    layout.operator("strata.report", text="Report...", icon="GRAPH")
 
 
 def _ends(layout: bpy.types.UILayout, left: str, right: str) -> None:

@@ -71,6 +71,7 @@ def _in_both(
 
 def _bake(layout, context) -> None:
     draw.bake_button(layout, context)
+    draw.report_under_way(layout)
     draw.bake_settings(layout, context)
 
 

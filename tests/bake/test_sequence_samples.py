@@ -6,6 +6,7 @@ import json
 
 import bpy
 import pytest
+from strata.addon import sequence_samples as looking
 from strata.addon.sequence_samples import looked_at, sequence_samples
 from strata.addon.ui.properties import options_of
 from strata.ops.cli import main
@@ -92,3 +93,25 @@ def test_frames_that_miss_their_target_are_told_in_one_line(tmp_path, capsys):
     lines = [line for line in errors.splitlines() if "the target error is not reached" in line]
     assert len(lines) == 1
     assert lines[0].endswith("in 4 frames (1, 2, 3, 4): Soft Shadow Key, Soft Shadow Torch")
+
+
+def test_they_are_told_where_nothing_is_measured_too(tmp_path, capsys):
+    comes_later()
+    words = ("--frames", "1-4", "--target-error", ".001", "--samples", "4", "--probes", "0")
+    _, errors = told(tmp_path, capsys, *words)
+    assert errors.count("the target error is not reached in") == 1
+
+
+def test_a_frame_that_cannot_be_looked_at_is_told(tmp_path, capsys, monkeypatch):
+    comes_later()
+    own = looking.read_job
+
+    def broken(scene, view_layer, options_of, frame, *more):
+        if frame == 4:
+            raise MemoryError("too large")
+        return own(scene, view_layer, options_of, frame, *more)
+
+    monkeypatch.setattr(looking, "read_job", broken)
+    reports, errors = told(tmp_path, capsys, "--frames", "1,2", "--target-error", ".05", "--probes", "0")
+    assert len(reports) == 2
+    assert "no samples are chosen by frame 4: " in errors

@@ -330,6 +330,8 @@ def test_what_is_set_and_changes_nothing_is_told_in_a_line(tmp_path):
     assert result.stderr.count(f"strata: {told}") == 1
     assert told not in strata("bake", *out, *words, "--set", "soft_shadow.method=bitmask").stderr
     assert told in strata("plan", SAMPLES / "animated.blend", *words[:2], *words[4:]).stdout
+    idle = strata("bake", *out, *words[:-2], "--set", "toon.target_error=.1").stderr
+    assert "strata: --set of toon changes nothing: it makes no layer here" in idle
 
 
 def test_frames_have_the_same_samples_and_so_may_others(tmp_path):

@@ -111,7 +111,7 @@ def check_a_session(backend, archive, display, tmp_path):
         for name in ("5a shown", "5b filled anew")
     )
     assert (np.abs(shown - filled) > 0.2).sum() > 500  # of the image's 96 x 54
-    assert "report.html" not in found["report stopped"]
+    assert "log.txt" in found["report stopped"]
     assert {"report.html", "report.json", "plots"} <= set(found["report"])
     assert found["images after more bakes"] == found["images"]
     assert found["unsaved images"] == []

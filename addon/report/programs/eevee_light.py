@@ -7,8 +7,6 @@ import sys
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
-import bpy
-
 
 def main(path: str) -> None:
     request = json.loads(Path(path).read_text(encoding="utf-8"))
@@ -17,11 +15,10 @@ def main(path: str) -> None:
     audit.only(scene, view_layer, "surface", request["media"])
     view_layer.use_pass_diffuse_direct = view_layer.use_pass_diffuse_color = False
     set_up(scene, request["filter"]["width"])
-    lamps = lamp_light.put_into_groups(view_layer, request["groups"])
-    while view_layer.lightgroups:  # it has none
+    lamps, black = lamp_light.put_into_groups(view_layer, request["groups"])
+    while view_layer.lightgroups:  # EEVEE has none
         view_layer.lightgroups.remove(view_layer.lightgroups[0])
     data = {lamp.name_full: lamp.data for lamp in lamps}
-    black = bpy.data.lights["black"]
     for light in data.values():
         light.specular_factor, light.transmission_factor, light.volume_factor = 0.0, 0.0, 0.0
         light.use_shadow_jitter = True  # its soft shadows at their best

@@ -22,7 +22,7 @@ def main(path: str) -> None:
     scene.cycles.use_light_tree = True
     scene.render.use_persistent_data = False
     scene.render.threads_mode = "AUTO"
-    lamps = put_into_groups(view_layer, request["groups"])
+    lamps, _ = put_into_groups(view_layer, request["groups"])
     folder, costs = Path(request["folder"]), []
     for number, render in enumerate(request["renders"]):
         for lamp in lamps:
@@ -38,8 +38,8 @@ def main(path: str) -> None:
     (folder / "costs.json").write_text(json.dumps(costs), encoding="utf-8")
 
 
-def put_into_groups(view_layer, groups: dict) -> list:
-    """The lamps, whose light falls on diffuse surfaces only; all others are black."""
+def put_into_groups(view_layer, groups: dict) -> tuple:
+    """The lamps, whose light falls on diffuse surfaces only; all others get the black one, given beside."""
     black = bpy.data.lights.new("black", "POINT")
     black.energy = 0.0
     lamps = []
@@ -55,7 +55,7 @@ def put_into_groups(view_layer, groups: dict) -> list:
         item.visible_camera = item.visible_glossy = False
         item.visible_transmission = item.visible_volume_scatter = False
         lamps.append(item)
-    return lamps
+    return lamps, black
 
 
 def denoised(scene, view_layer, folder: Path, number: int):

@@ -34,6 +34,7 @@ class Cycles:
 
     id = "cycles"
     title = "Cycles"
+    told = "Its shadow of a lamp is its light over the same without shadow, whose time is not counted."
 
     def why_not(self) -> str:
         return "" if bpy.app.build_options.cycles else "this Blender was built without Cycles"

@@ -29,6 +29,7 @@ class Eevee:
 
     id = "eevee"
     title = "EEVEE"
+    told = "Its shadow of a lamp is its light over the same without shadow, whose time is not counted."
 
     def why_not(self) -> str:
         try:
@@ -38,11 +39,12 @@ class Eevee:
         return ""
 
     def settings(self, case: Case) -> list[Setting]:
+        """Raises StrataError for a pixel filter that it has not."""
+        if case.request["filter"]["kind"] != "BLACKMAN_HARRIS":
+            raise StrataError("its pixel filter is Blackman-Harris")
         return [Setting(self.id, CURVE, each, each) for each in SAMPLES]
 
     def run(self, case: Case, setting: Setting, wants_images: bool, look: Callable[[], None]) -> Found:
-        if case.request["filter"]["kind"] != "BLACKMAN_HARRIS":
-            raise StrataError("EEVEE has no pixel filter but Blackman-Harris")
         shadows = ("first", True, False) if wants_images else ("first", True)
         renders = [
             {"shadow": bool(each), "samples": 1 if each == "first" else setting.samples} for each in shadows

@@ -12,12 +12,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
 from ...bake import BakeJob
+from ...core.errors import StrataError
 from ...core.executor import Executor
 from ...core.graph import Graph, Node
 from ...core.random import hash_bits
@@ -31,24 +31,39 @@ from ...job import run_to_end
 from ...planning import sampling_of
 from ..cost import Cost, counted
 from ..setting import Setting
-from .embree_packets import DIRECTION, LANES, MASK, ORIGIN, T_FAR, T_NEAR, Packets, aligned, flattened
+from .embree_packets import (
+    DIRECTION,
+    LANES,
+    MASK,
+    ORIGIN,
+    T_FAR,
+    Packets,
+    aligned,
+    flattened,
+    libraries,
+)
 from .rival import Case, Found
 
 SAMPLES = (4, 8, 16, 32)
 CURVE = "its rays in this film"
 POINTS_AT_ONCE = 1 << 14
-NEAR_M, SHORT = 2e-4, 1e-4
-"""Rays begin so far from their surface, and end such a share before the light."""
+SHORT = 1e-4
+"""Rays end such a share before the light."""
 
 
 class Embree:
-    """Takes every surface for opaque."""
+    """Takes every surface for opaque. Lamps that have a method of their own are not its, nor those that some
+    things cast no shadow of."""
 
     id = "embree"
     title = "Embree"
+    told = (
+        "It traces the rays of a bake of ours by the method rays; laying them out, the coarse picture and "
+        "Python's calls are not counted."
+    )
 
     def why_not(self) -> str:
-        return "" if find_spec("embreex") else "the Python package embreex is not installed"
+        return "" if libraries() else "the Python package embreex, with Embree 4, is not installed"
 
     def settings(self, case: Case) -> list[Setting]:
         values = (("soft_shadow", "method", Method.RAYS.value),)
@@ -58,20 +73,24 @@ class Embree:
         asked = case.job(setting)
         job = BakeJob(asked.outline, asked.graph, asked.arrays, replace(asked.options, samples=1))
         run_to_end(job, show=lambda *_: look())
-        with counted() as cost:
-            tracer = _Tracer(job.outline, asked.arrays)
-            graph, device = tracer.put_into(job.graph), CpuDevice()
-            device.set_scene(job.outline, asked.arrays)
-            executor = Executor(device, device, keeps_inputs=False)
-            for _ in executor.run(graph, sampling_of(graph, asked.options)):
-                look()
-            executor.release()
+        tracer = _Tracer(job.outline, asked.arrays)
+        try:
+            with counted() as cost:
+                graph, device = tracer.put_into(job.graph), CpuDevice()
+                device.set_scene(job.outline, asked.arrays)
+                executor = Executor(device, device, keeps_inputs=False)
+                for _ in executor.run(graph, sampling_of(graph, asked.options)):
+                    look()
+                executor.release()
+        finally:
+            tracer.close()
         cost.cpu += asked.read_seconds - tracer.spent.cpu + tracer.tree.cpu + tracer.traced_seconds
         cost.wall += asked.read_seconds - tracer.spent.wall + tracer.tree.wall
-        cost.wall += tracer.traced_seconds / os.cpu_count()
-        tracer.close()
-        images = executor.execution.images
-        return Found(cost, {name: {"": images[name]} for name in case.lamps if name in images})
+        cost.wall += tracer.traced_seconds / (os.process_cpu_count() or 1)
+        images, made = executor.execution.images, tracer.layers & case.lamps.keys()
+        if not made:
+            raise StrataError("no lamp takes the method rays with all that casts")
+        return Found(cost, {name: {"": images[name]} for name in case.lamps if name in made})
 
 
 class _Tracer:
@@ -82,22 +101,32 @@ class _Tracer:
         self._outline, self._arrays = outline, arrays
         self._packets: Packets | None = None
         self._casters: frozenset[int] = frozenset()
+        self.layers: set[str] = set()
         self.traced_seconds, self.spent, self.tree = 0.0, Cost(), Cost()
 
     def put_into(self, graph: Graph) -> Graph:
-        """The same with all rays by Embree, which needs one tree of all that casts."""
+        """The same with rays by Embree, of one tree of all that casts; `layers` have them."""
         step, new = replace(RAYS_ALONE, name="embree/rays", cpu=self._rays), {}
+        swapped: set[Node] = set()
         for node in graph.nodes():
             inputs = tuple(new[each] for each in node.inputs)
             if node.step == RAYS_ALONE:
                 self._casters |= node.params["casters"]
                 new[node] = Node(step, node.instance, inputs[:1], node.params)
+                swapped.add(node)
             else:
                 new[node] = Node(node.step, node.instance, inputs, node.params)
+                swapped |= {node} if swapped & set(node.inputs) else set()
         layers = [
             replace(layer, node=new[layer.node], weight=layer.weight and new[layer.weight])
             for layer in graph.layers
         ]
+        lights = self._outline.lights
+        self.layers = {
+            layer.name
+            for layer in graph.layers
+            if layer.node in swapped and lights[layer.of.index].casters is None
+        }
         return replace(graph, layers=tuple(layers))
 
     def close(self) -> None:
@@ -133,7 +162,6 @@ class _Tracer:
         lanes = np.zeros((count, 12), np.float32)
         used = lanes[: len(laid.reach)]
         used[:, ORIGIN : ORIGIN + 3], used[:, DIRECTION : DIRECTION + 3] = laid.origins, laid.directions
-        used[:, T_NEAR] = NEAR_M
         # A sun's have no end, which Embree takes too.
         used[:, T_FAR] = laid.reach * np.float32(1.0 - SHORT)
         packets = aligned((count // LANES, 12, LANES), np.float32)

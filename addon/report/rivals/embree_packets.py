@@ -44,10 +44,19 @@ def flattened(arrays, outline, instances, eye: np.ndarray) -> tuple[np.ndarray, 
     return np.concatenate(vertices), np.ascontiguousarray(np.concatenate(indices))
 
 
+def libraries() -> list[Path]:
+    """What the package `embreex` brings, as its wheel for Linux has it: threads, then Embree 4; empty where
+    it is not so."""
+    found = find_spec("embreex")
+    folder = Path(found.origin).parents[1] / "embreex.libs" if found and found.origin else Path()
+    files = [next(folder.glob(name), None) for name in ("libtbb*", "libembree4*")] if found else [None]
+    return [] if None in files else files
+
+
 def _library() -> ctypes.CDLL:
-    folder = Path(find_spec("embreex").origin).parents[1] / "embreex.libs"
-    ctypes.CDLL(str(next(folder.glob("libtbb*"))), mode=ctypes.RTLD_GLOBAL)
-    library = ctypes.CDLL(str(next(folder.glob("libembree4*"))))
+    threads, embree = libraries()
+    ctypes.CDLL(str(threads), mode=ctypes.RTLD_GLOBAL)
+    library = ctypes.CDLL(str(embree))
     for name in ("rtcNewDevice", "rtcNewScene", "rtcNewGeometry", "rtcSetNewGeometryBuffer"):
         getattr(library, name).restype = ctypes.c_void_p
     return library

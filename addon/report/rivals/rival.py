@@ -41,16 +41,17 @@ class Found:
 
 
 class Rival(Protocol):
-    """`id` is its word on the command line."""
+    """`id` is its word on the command line, `told` how its shadows and times are come by, in a sentence."""
 
     id: str
     title: str
+    told: str
 
     def why_not(self) -> str:
         """Why it does not run here; empty if it does."""
 
     def settings(self, case: Case) -> list[Setting]:
-        """From fast to exact."""
+        """From fast to exact. Raises StrataError where it cannot make the case."""
 
     def run(self, case: Case, setting: Setting, wants_images: bool, look: Callable[[], None]) -> Found:
         """Makes it. `look` is called now and then, and may raise. Raises StrataError where it fails."""
