@@ -39,11 +39,12 @@ SIZE = (48, 32)
 PROBES = 512, 1024
 KEPT = ROOT / "docs" / "data" / "intervals.jsonl"
 
-SHADOW_VIEWS, LIGHT_VIEWS, MASK_VIEWS = (32, 128, 512), (2, 16), (32, 512, 2048)
+SHADOW_VIEWS, LIGHT_VIEWS, MASK_VIEWS = (32, 128, 512), (2, 16, 64), (32, 512, 2048)
 """View rays of each of a pixel's two halves, for the error of all pixels: of every pixel, and of those that
 those before leave in doubt."""
-DOUBTFUL = 0.25
-"""Share of a light's pixels, the noisiest, that are looked at again."""
+DOUBTFUL = {2: 1.0 / 8.0, 16: 1.0 / 32.0}
+"""Share of a light's pixels that are looked at again, by the view rays before: the noisiest, and those that
+are the most wrong, since few rays may all have missed what is bright in a pixel."""
 NEAR = {32: 1.0 / 16.0, 512: 1.0 / 64.0}
 """A mask's pixel is in doubt where by so many view rays it is so near to what makes it wrong."""
 
@@ -206,10 +207,16 @@ def _looked(
 
 
 def _light_error(probed: Probed, score: LightScore) -> Truth:
-    def noisiest(errors: np.ndarray, views: int) -> np.ndarray:
-        return np.argsort(-product_variances(*errors))[: int(DOUBTFUL * errors.shape[1])]
+    values = np.nan_to_num(probed.image.reshape(probed.image.shape[0] * probed.image.shape[1], -1))
+    usual = mean_brightness(np.abs(values).mean(axis=1)) or 1.0
 
-    values, (first, last) = _looked(probed, score, LIGHT_VIEWS, noisiest)
+    def doubtful(errors: np.ndarray, views: int) -> np.ndarray:
+        truth = np.abs(values - errors.mean(axis=0)).mean(axis=1, keepdims=True)
+        shares = errors / (truth + usual)
+        doubts = product_variances(*shares) + (shares[0] * shares[1]).sum(axis=1) ** 2
+        return np.argsort(-doubts)[: int(DOUBTFUL[views] * errors.shape[1])]
+
+    values, (first, last) = _looked(probed, score, LIGHT_VIEWS, doubtful)
     truth = np.abs(0.5 * (first + last)).mean(axis=1, keepdims=True)
     whole = truth + (mean_brightness(truth) or 1.0)
     first, last = (values - first) / whole, (values - last) / whole
