@@ -131,9 +131,10 @@ class STRATA_OT_report(bpy.types.Operator):
         STATE.is_reporting, STATE.is_report_cancelled = True, False
         STATE.report_doing, self._is_stopping = "Starting", False
         file = Path(bpy.data.filepath) if bpy.data.filepath else None
-        self._folder = _new_folder(file)
         if self.folder:
             self._folder = Path(resolved(self.folder, file and file.parent)).absolute()
+        else:
+            self._folder = _new_folder(file)
         check_writable(self._folder / PAGE)
         self._folder.mkdir(parents=True, exist_ok=True)
         scene, view_layer = context.scene, context.view_layer
