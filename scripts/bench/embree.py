@@ -17,15 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from strata.addon.core.emitter import Emitter, EmitterKind
 from strata.addon.report.rivals.embree import sobol
-from strata.addon.report.rivals.embree_packets import (
-    DIRECTION,
-    LANES,
-    MASK,
-    ORIGIN,
-    T_FAR,
-    Packets,
-    aligned,
-)
+from strata.addon.report.rivals.embree_packets import DIRECTION, ORIGIN, T_FAR, Packets, packed
 
 POINTS_AT_ONCE = 1 << 14
 OFFSET = 2e-4  # metres that rays start off the surface, and end before the light
@@ -73,17 +65,10 @@ def batches(surface, emitter: Emitter, eye: np.ndarray, samples: int, seed: int)
         cosine = np.maximum(np.einsum("psc,pc->ps", spoke, shading), 0.0)
         weights = cosine * np.maximum(-(spoke @ forward), 0.0) / (square * square) * area
         above = np.einsum("psc,pc->ps", spoke, geometric) > 0.0
-        rays = -(-count * samples // LANES) * LANES
-        lanes = np.zeros((rays, 12), np.float32)
-        used = lanes[: count * samples].reshape(count, samples, 12)
-        used[..., ORIGIN : ORIGIN + 3] = origin[:, None]
-        used[..., DIRECTION : DIRECTION + 3] = spoke
-        used[..., T_FAR] = np.float32(1.0 - 1e-4)
-        packets = aligned((rays // LANES, 12, LANES), np.float32)
-        packets[:] = lanes.reshape(-1, LANES, 12).transpose(0, 2, 1)
-        packets.view(np.uint32)[:, MASK] = 0xFFFFFFFF
-        valid = aligned((rays // LANES, LANES), np.int32)
-        valid.reshape(-1)[: count * samples] = -((weights > 0.0) & above).reshape(-1).astype(np.int32)
+        origins = np.broadcast_to(origin[:, None], spoke.shape).reshape(-1, 3)
+        far = np.full(count * samples, 1.0 - 1e-4, np.float32)
+        traced = ((weights > 0.0) & above).reshape(-1)
+        packets, valid = packed(origins, spoke.reshape(-1, 3), far, traced)
         yield Batch(points, packets, valid, weights)
 
 

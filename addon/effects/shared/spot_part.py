@@ -82,12 +82,18 @@ def _seen(emitter: Emitter, towards: np.ndarray):
     cosine = -(forward * towards).sum(0)
     aside = forward + cosine * towards
     sine = np.sqrt(np.square(aside).sum(0))
-    helper = np.where(np.abs(towards[0]) < 0.6, [[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]])
-    other = np.cross(towards, helper, axis=0)
-    aside = np.where(sine > 1e-9, aside, other)
+    aside = np.where(sine > 1e-9, aside, across(towards)[0])
     aside = aside / np.sqrt(np.square(aside).sum(0))
     up = np.cross(towards, aside, axis=0)
     return np.arctan2(sine, cosine), np.arccos(min(max(emitter.cos_cone, -1.0), 1.0)), aside, up
+
+
+def across(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors (3, N) perpendicular to unit `axes` (3, N) and to each other."""
+    helper = np.where(np.abs(axes[0]) < 0.6, [[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]])
+    first = np.cross(axes, helper, axis=0)
+    first /= np.sqrt(np.square(first).sum(0))
+    return first, np.cross(axes, first, axis=0)
 
 
 def _tangent(angle: np.ndarray) -> np.ndarray:

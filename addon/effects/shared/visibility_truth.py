@@ -199,14 +199,6 @@ def _on_disk(square: np.ndarray) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)])
 
 
-def _across(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors (3, N) perpendicular to unit `axes` (3, N) and to each other."""
-    helper = np.where(np.abs(axes[0]) < 0.6, [[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]])
-    first = np.cross(axes, helper, axis=0)
-    first /= _length(first)
-    return first, np.cross(axes, first, axis=0)
-
-
 def _column(vector) -> np.ndarray:
     """(3, 1): the same for all points."""
     return np.array(vector, np.float64)[:, None]
@@ -256,7 +248,7 @@ def _sample_facing_disk(emitter, world, square):
     to_centre = _column(emitter.centre) - world
     distance = np.maximum(_length(to_centre), 1e-30)
     towards = to_centre / distance
-    right, up = _across(towards)
+    right, up = spot_part.across(towards)
     radius = emitter.half_width
     area = np.full(distance.shape, np.pi * radius**2 if radius > 0.0 else 1.0)
     plan = _on_disk(square)
@@ -285,7 +277,7 @@ def _sample_sphere(emitter, world, square):
     inside = sine >= 1.0
     # 1 - cos of the cap's half angle, by half-angle formulas: 2 sin(a / 2)^2.
     height = np.where(inside, 2.0, 2.0 * np.sin(0.5 * np.arcsin(np.minimum(sine, 1.0))) ** 2)
-    right, up = _across(axis)
+    right, up = spot_part.across(axis)
     plan, area = _on_disk(square), np.full(distance.shape, np.pi)
     if emitter.cos_cone > -1.0:
         part = spot_part.of_cap(emitter, axis, height)

@@ -15,7 +15,7 @@ from ...layers.exr_pixels import read_pixels
 from ...layers.files import replaced
 from ..cost import Cost
 from ..setting import Setting
-from .rival import Case, Found, factor
+from .rival import BY_LIGHT, Case, Found, factor
 
 PROGRAM = Path(__file__).parents[1] / "programs" / "lamp_light.py"
 """In a folder of its own: Python looks there first, and would take cycles.py for Blender's."""
@@ -34,7 +34,7 @@ class Cycles:
 
     id = "cycles"
     title = "Cycles"
-    told = "Its shadow of a lamp is its light over the same without shadow, whose time is not counted."
+    told = BY_LIGHT
 
     def why_not(self) -> str:
         return "" if bpy.app.build_options.cycles else "this Blender was built without Cycles"
@@ -81,12 +81,11 @@ def _rendered(
 ) -> tuple[list[dict[str, np.ndarray]], list[Cost]]:
     """Of each render the light (height, width, 3) of each layer's lamp, and what it took."""
     folder = Path(case.scene.folder.name)
-    groups = {lamp: f"g{number}" for number, lamp in enumerate(dict.fromkeys(case.lamps.values()))}
     paths = [folder / f"{number}.exr" for number in range(len(renders))]
     for path in paths:
         path.unlink(missing_ok=True)
     costs = folder / "costs.json"
-    request = {**case.request, "audit": str(AUDIT), "groups": groups, "renders": renders, "samples": 1}
+    request = {**case.request, "audit": str(AUDIT), "groups": case.groups, "renders": renders, "samples": 1}
     run_program(case.scene, PROGRAM, request, [*paths, costs], look=look)
     found = []
     for path, render in zip(paths, renders, strict=True):
@@ -95,7 +94,7 @@ def _rendered(
         before = "" if render["denoise"] else view_layer
         found.append(
             {
-                layer: np.stack([planes[f"{before}{groups[lamp]}.{each}"] for each in "RGB"], axis=-1)
+                layer: np.stack([planes[f"{before}{case.groups[lamp]}.{each}"] for each in "RGB"], axis=-1)
                 for layer, lamp in case.lamps.items()
             }
         )

@@ -16,7 +16,7 @@ from ..cost import Cost
 from ..setting import Setting
 from .cycles import AUDIT
 from .cycles import PROGRAM as LAMP_LIGHT
-from .rival import Case, Found, factor
+from .rival import BY_LIGHT, Case, Found, factor
 
 PROGRAM = LAMP_LIGHT.with_name("eevee_light.py")
 SAMPLES = (4, 16, 64)
@@ -29,7 +29,7 @@ class Eevee:
 
     id = "eevee"
     title = "EEVEE"
-    told = "Its shadow of a lamp is its light over the same without shadow, whose time is not counted."
+    told = BY_LIGHT
 
     def why_not(self) -> str:
         try:
@@ -50,17 +50,16 @@ class Eevee:
             {"shadow": bool(each), "samples": 1 if each == "first" else setting.samples} for each in shadows
         ]
         folder = Path(case.scene.folder.name)
-        groups = {lamp: f"g{number}" for number, lamp in enumerate(dict.fromkeys(case.lamps.values()))}
         numbers = [str(number) for number in range(len(renders))]
         made = {
             (number, lamp): folder / f"{number}_{group}.exr"
             for number in numbers
-            for lamp, group in groups.items()
+            for lamp, group in case.groups.items()
         }
         files = [*made.values(), folder / "costs.json"]
         for path in files:
             path.unlink(missing_ok=True)
-        request = {**case.request, "audit": str(AUDIT), "lamp_light": str(LAMP_LIGHT), "groups": groups}
+        request = {**case.request, "audit": str(AUDIT), "lamp_light": str(LAMP_LIGHT), "groups": case.groups}
         request |= {"renders": renders, "samples": 1}
         run_program(case.scene, PROGRAM, request, files, look=look)
         cost = Cost(**json.loads(files[-1].read_text(encoding="utf-8"))[1])

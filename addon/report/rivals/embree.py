@@ -31,17 +31,7 @@ from ...job import run_to_end
 from ...planning import sampling_of
 from ..cost import Cost, counted
 from ..setting import Setting
-from .embree_packets import (
-    DIRECTION,
-    LANES,
-    MASK,
-    ORIGIN,
-    T_FAR,
-    Packets,
-    aligned,
-    flattened,
-    libraries,
-)
+from .embree_packets import Packets, flattened, libraries, packed
 from .rival import Case, Found
 
 SAMPLES = (4, 8, 16, 32)
@@ -158,18 +148,9 @@ class _Tracer:
 
     def _visible(self, laid) -> np.ndarray:
         """(N,) the weighted share of rays that arrive."""
-        count = -(-len(laid.reach) // LANES) * LANES
-        lanes = np.zeros((count, 12), np.float32)
-        used = lanes[: len(laid.reach)]
-        used[:, ORIGIN : ORIGIN + 3], used[:, DIRECTION : DIRECTION + 3] = laid.origins, laid.directions
-        # A sun's have no end, which Embree takes too.
-        used[:, T_FAR] = laid.reach * np.float32(1.0 - SHORT)
-        packets = aligned((count // LANES, 12, LANES), np.float32)
-        packets[:] = lanes.reshape(-1, LANES, 12).transpose(0, 2, 1)
-        packets.view(np.uint32)[:, MASK] = 0xFFFFFFFF
-        valid = aligned((count // LANES, LANES), np.int32)
         traced = laid.traced.T.reshape(-1)
-        valid.reshape(-1)[: len(traced)] = -traced.astype(np.int32)
+        # A sun's have no end, which Embree takes too.
+        packets, valid = packed(laid.origins, laid.directions, laid.reach * np.float32(1.0 - SHORT), traced)
         occluded, seconds = self._packets.occluded(packets, valid)
         self.traced_seconds += seconds
         arrives = laid.traced & ~occluded.reshape(-1)[: len(traced)].reshape(laid.traced.T.shape).T

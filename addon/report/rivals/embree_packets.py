@@ -112,6 +112,23 @@ class Packets:
         return time.thread_time() - started
 
 
+def packed(
+    origins: np.ndarray, directions: np.ndarray, far: np.ndarray, traced: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rays (R, 3), (R, 3), (R,) float32, those `traced` (R,) bool, as `Packets.occluded` takes them."""
+    count, whole = len(far), -(-len(far) // LANES) * LANES
+    lanes = np.zeros((whole, 12), np.float32)
+    used = lanes[:count]
+    used[:, ORIGIN : ORIGIN + 3], used[:, DIRECTION : DIRECTION + 3] = origins, directions
+    used[:, T_FAR] = far
+    packets = aligned((whole // LANES, 12, LANES), np.float32)
+    packets[:] = lanes.reshape(-1, LANES, 12).transpose(0, 2, 1)
+    packets.view(np.uint32)[:, MASK] = 0xFFFFFFFF
+    valid = aligned((whole // LANES, LANES), np.int32)
+    valid.reshape(-1)[:count] = -traced.astype(np.int32)
+    return packets, valid
+
+
 def aligned(shape: tuple[int, ...], dtype) -> np.ndarray:
     """Zeros at a multiple of 64 bytes, as packets have to be."""
     count = int(np.prod(shape)) * np.dtype(dtype).itemsize

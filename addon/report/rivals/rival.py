@@ -30,6 +30,11 @@ class Case:
     folder: Path
     job: Callable[[Setting], BakeJob]
 
+    @property
+    def groups(self) -> dict[str, str]:
+        """A short name for each lamp, that of its light group."""
+        return {lamp: f"g{number}" for number, lamp in enumerate(dict.fromkeys(self.lamps.values()))}
+
 
 @dataclass(frozen=True)
 class Found:
@@ -38,6 +43,10 @@ class Found:
 
     cost: Cost
     images: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
+
+
+BY_LIGHT = "Its shadow of a lamp is its light over the same without shadow, whose time is not counted."
+"""Told by those who render."""
 
 
 class Rival(Protocol):
